@@ -7,24 +7,10 @@ from dataclasses import replace
 from math import log10
 from pathlib import Path
 
-from ..core import time_axis, toml, units
+from ..core import model, time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import (
-    AS_INPUT,
-    INPUTS,
-    MOTOR_FORCES,
-    MOTOR_TOLERANCE,
-    NOT_MEASURED,
-    OTHER_BRAKES,
-    PLACES,
-    STATES,
-    Channel,
-    Column,
-    Log,
-    Meaning,
-    Vehicle,
-)
+from ..core.model import INPUTS, MOTOR_FORCES, Channel, Column, Log, Meaning, Vehicle
 from ..core.text import listed
 from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, channel_fields, entry_of, name, understood
@@ -35,20 +21,11 @@ from .state_words import as_levels, words_key
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
-_NEEDED: dict[Meaning | None, str] = {
-    "wheel_speed": "speed",
-    "pressure": "brake",
-    "clamping_force": "brake",
-}
-_USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
-    "wheel_speed": "km/h",
-    "pressure": "bar",
-    "clamping_force": "kN",
-    "truth": "kN",
-    "true_slip": "-",
-    "ed_force": "kN",
-    "traction_force": "kN",
-}
+_NEEDED: dict[Meaning | None, str] = {"wheel_speed": "speed"}
+_NEEDED |= dict.fromkeys(("pressure", "clamping_force"), "brake")
+# Units that a hint shows as examples.
+_USUAL: dict[Meaning | None, str] = {"wheel_speed": "km/h", "pressure": "bar", "true_slip": "-"}
+_USUAL |= dict.fromkeys(("clamping_force", "truth", *MOTOR_FORCES), "kN")
 # A unit with a factor behind it, as "bar x 100".
 _FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
 _SHARE = re.compile(r"(?i)[%‰]|[mkµ]?[VA]\b|digits?\b")  # of a sensor's range
@@ -117,9 +94,9 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
 def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) -> None:
     """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so."""
     named = {name(m.field) for m in chosen if m.meaning == "brake_pipe"}
-    pipes = [c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named]
-    pipe = next(iter(pipes), None)
-    if pipe and not any(_NEEDED.get(c.meaning) == "brake" for c in log.channels):
+    pipes = (c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named)
+    needs = {_NEEDED.get(c.meaning) for c in log.channels}
+    if (pipe := next(pipes, None)) and "brake" not in needs:
         hint = "log the pressure of a brake cylinder, too"
         if proposal:
             hint = f"if the log has the brake cylinder's, state it, as {proposal}"
@@ -216,10 +193,10 @@ def needed(
 
 def _choose_further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
     """What is asked for beside the inputs, where its unit is known."""
-    without_unit = ("latitude", "longitude", *STATES)
+    without_unit = ("latitude", "longitude", *model.STATES)
     short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
     chosen = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
-    return [m for m in chosen if m.meaning not in PLACES or m.unit not in short_units]
+    return [m for m in chosen if m.meaning not in model.PLACES or m.unit not in short_units]
 
 
 def without_empty(log: Log) -> Log:
@@ -242,10 +219,8 @@ def without_empty(log: Log) -> Log:
             if cause := next((f for f in causes if f.code == "csv-no-numbers"), None):
                 text, hint = f"{text}: {cause.message}".removesuffix("."), cause.hint or hint
             raise UserError(text, hint)
-        covered = kind is None or any(
-            _NEEDED.get(f.meaning) == kind and f.axle == c.axle for f in with_samples
-        )
-        severity: Severity = "info" if covered else "warning"
+        alike = (f.axle for f in with_samples if _NEEDED.get(f.meaning) == kind)
+        severity: Severity = "info" if kind is None or c.axle in alike else "warning"
         findings.append(Finding("empty-channel", severity, channel=c.title))
     return replace(log, channels=tuple(with_samples), findings=(*log.findings, *findings))
 
@@ -261,7 +236,7 @@ def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
 def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
     """Refuses a channel with a meaning whose unit the log does not state, or not completely."""
     assert m.meaning
-    if m.meaning in OTHER_BRAKES:  # on or off, or any force
+    if m.meaning in model.OTHER_BRAKES:  # on or off, or any force
         return
     if not m.unit:
         raise _without_unit(m, chosen, path)
@@ -283,11 +258,11 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
 
 def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
     """Asks for the unit of a channel, and for those of the other meanings that lack one."""
-    required = (c for c in chosen if not c.unit and c.meaning not in (*OTHER_BRAKES, *_OPTIONAL))
+    optional = {*model.OTHER_BRAKES, *_OPTIONAL}
+    required = (c for c in chosen if not c.unit and c.meaning not in optional)
     asked = {m.meaning: m} | {c.meaning: c for c in reversed([*required]) if c.meaning != m.meaning}
-    subjects = "; ".join(
-        f"channel {c.title!r} looks like the {c.describe}, but {_lacks(c)}" for c in asked.values()
-    )
+    pairs = ((f"{c.title!r} looks like the {c.describe}", _lacks(c)) for c in asked.values())
+    subjects = "; ".join(f"channel {appearance}, but {fault}" for appearance, fault in pairs)
     if len(asked) > 1:
         lines = (_line(c, chosen) for c in asked.values())
         return UserError(f"{path}: {subjects}", f"state them, as {toml.option(*lines)}")
@@ -386,10 +361,10 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     all_fields = (*source.fields, *source.texts)
     fields = [f for f in all_fields if f.message_type != "adhesion.Event"]  # not measured
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
-    if train_speed_source in (NOT_MEASURED, AS_INPUT):
+    if train_speed_source in (model.NOT_MEASURED, model.AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
         # What was made of the axles will be again; an input is in the file of each axle.
-        repeated = trains[1:] if train_speed_source == AS_INPUT else trains
+        repeated = trains[1:] if train_speed_source == model.AS_INPUT else trains
         fields = [f for f in fields if f not in repeated]
     used_mappings = () if "adhesion.settings" in source.metadata else mappings
     by_channel, notes = [m for m in used_mappings if m.channel], list[Finding]()
@@ -404,7 +379,7 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
         remedy = "; or run the logs of each logger by themselves, each with its own -c" * is_several
         raise UserError(f"{source.path}: {e.text}", e.hint + remedy, e.code) from None
     findings = notes + findings
-    if train_speed_source == AS_INPUT:
+    if train_speed_source == model.AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
     for i, m in enumerate(meant):
         if m.meaning == "position" and not m.unit:  # positions on a line are in km
@@ -440,22 +415,15 @@ def _log(
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
             channel = replace(channel, first_unit=unit)
         if m.meaning in MOTOR_FORCES:
-            tolerance = m.mapping.tolerance if m.mapping else MOTOR_TOLERANCE
+            tolerance = m.mapping.tolerance if m.mapping else model.MOTOR_TOLERANCE
             share = float(provenance.get(f"{m.meaning}_tolerance", tolerance))
             channel = replace(channel, tolerance=share)
         channels.append(channel)
         indexed_findings += ((clock, f) for f in its_findings)
     findings += _joined(indexed_findings)
-    return Log(
-        str(source.path),
-        source.format,
-        source.digest(),
-        source.absolute,
-        source.rows,
-        tuple(channels),
-        (*source.findings, *findings),
-        source.account,
-    )
+    content = tuple(channels), (*source.findings, *findings), source.account
+    origin = str(source.path), source.format, source.digest(), source.absolute, source.rows
+    return Log(*origin, *content)
 
 
 def _describe_levels(levels: Sequence[str]) -> str:

@@ -8,18 +8,10 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from ..core import toml, units
+from ..core import model, toml, units
 from ..core.errors import UserError, unknown
-from ..core.finding import Finding
-from ..core.model import (
-    INPUTS,
-    MOTOR_FORCES,
-    MOTOR_TOLERANCE,
-    OTHER_BRAKES,
-    STATES,
-    Meaning,
-    Parameter,
-)
+from ..core.finding import Finding, Severity
+from ..core.model import INPUTS, MOTOR_FORCES, OTHER_BRAKES, STATES, Meaning, Parameter
 from ..core.text import enumerated
 from ..formats.source import Field
 from .places import UNCLEAR, served
@@ -50,7 +42,7 @@ class Mapping:
     axles: tuple[int, ...] = ()  # over these; all of the vehicle, or the two of a bogie
     arm: float = 0.0  # lever of a torque [m]; 0: the wheel radius
     full_force: float = 0.0  # the force of 100 % [N]
-    tolerance: float = MOTOR_TOLERANCE  # 1 sigma, as a share
+    tolerance: float = model.MOTOR_TOLERANCE  # 1 sigma, as a share
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,13 +160,11 @@ def _apply_statements(
             hint = f"name it, as {toml.option(line)}"
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
-            stated = meant[i]
-            own_zero = stated.zero
-            stated = replace(stated, zero=(m.zero or own_zero) if m.axle else (own_zero or m.zero))
-            stated = replace(stated, delay=stated.delay or m.delay)
-            if i in guesses:
-                stated = replace(stated, mapping=m)
-            if i in guesses and m.unit:
+            stated, is_guess = meant[i], i in guesses
+            zero = (m.zero or stated.zero) if m.axle else (stated.zero or m.zero)
+            mapping = m if is_guess else stated.mapping
+            stated = replace(stated, zero=zero, delay=stated.delay or m.delay, mapping=mapping)
+            if is_guess and m.unit:
                 reason = stated.reason.removesuffix("; no unit stated")
                 reason += f"; unit {m.unit}: in [channels]"
                 stated = replace(stated, unit=m.unit, unit_too="", reason=reason)
@@ -201,11 +191,8 @@ def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
 
 def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
     """In a result, pressure and train speed as logged are preferred to those at wheel stamps."""
-    stamped = {
-        (m.meaning, m.axle)
-        for m in (meant[i] for i in guesses)
-        if m.field.message_type == "adhesion.Scalar"
-    }
+    scalars = (meant[i] for i in guesses if meant[i].field.message_type == "adhesion.Scalar")
+    stamped = {(m.meaning, m.axle) for m in scalars}
     for i in guesses:
         m = meant[i]
         matching = stamped & {(m.meaning, m.axle), (m.meaning, None)}
@@ -215,14 +202,11 @@ def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
 
 def _prefer_the_measured(meant: list[Meant], guesses: list[int]) -> None:
     """'BCP 1 max', 'BCP 1 model' and 'mean BCP' give way to channels that say no such thing."""
-    for meaning, kind in product(
-        ("pressure", "wheel_speed", "train_speed"), ("extreme", "derived")
-    ):
-        words = {
-            i: name_words(" ".join(units.in_name(x)[0] for x in (m.field.channel, m.field.path)))
-            for i, m in ((i, meant[i]) for i in guesses)
-            if m.meaning == meaning
-        }
+    meanings = ("pressure", "wheel_speed", "train_speed")
+    for meaning, kind in product(meanings, ("extreme", "derived")):
+        fields = {i: meant[i].field for i in guesses if meant[i].meaning == meaning}
+        names = {i: (units.in_name(x)[0] for x in (f.channel, f.path)) for i, f in fields.items()}
+        words = {i: name_words(" ".join(x)) for i, x in names.items()}
         derived = {i: x for i, w in words.items() if (x := word_of_kind(kind, w))}
         for i, word in derived.items() if 3 * len(derived) <= 2 * len(words) else ():
             reason = f"{word!r} in the name, and others are measured"
@@ -237,17 +221,15 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
     def split(meaning: Meaning, *kinds: str) -> tuple[list[int], list[int]]:
         """The guesses of this meaning whose names have the first kind of word, and the others."""
-        indices = [i for i in guesses if meant[i].meaning == meaning]
-        fields = {i: meant[i].field for i in indices}
-        words_by_index = {
-            i: name_words(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
-        }
-        of_kinds = ([i for i in indices if word_of_kind(k, words_by_index[i])] for k in kinds)
+        fields = {i: meant[i].field for i in guesses if meant[i].meaning == meaning}
+        texts = {i: f"{f.channel} {f.path} {f.label} {f.group}" for i, f in fields.items()}
+        words = {i: name_words(text) for i, text in texts.items()}
+        of_kinds = ([i for i in fields if word_of_kind(k, words[i])] for k in kinds)
         named = next(filter(None, of_kinds), [])
-        numbered = [i for i in indices if meant[i].axle is not None]
+        numbered = [i for i in fields if meant[i].axle is not None]
         if not named and len(numbered) > 1:
-            named = [i for i in indices if i in numbered or any(place_of(fields[i])[1:3])]
-        return named, [i for i in indices if i not in set(named)]
+            named = [i for i in fields if i in numbered or any(place_of(fields[i])[1:3])]
+        return named, [i for i in fields if i not in set(named)]
 
     named, unqualified = split("pressure", "cylinder", "braking")
     for i in unqualified if named else []:
@@ -316,9 +298,8 @@ def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:
         axles = {meant[i].axle for i in places}
         unnamed = [i for i, p in places.items() if meant[i].axle is None and not p.bogie]
         numbers = {p.spare for p in places.values()}
-        is_likely = numbers == speed_axles or not (
-            meaning == "pressure" or any(p.part for p in places.values())
-        )
+        has_parts = any(p.part for p in places.values())
+        is_likely = numbers == speed_axles or not (meaning == "pressure" or has_parts)
         tells_apart = len(unnamed) == len(places) == len(numbers) > 1 and None not in numbers
         for i, p in places.items():
             is_one_of_two = p.bogie and meant[i].axle is None and 2 * p.bogie in axles
@@ -341,10 +322,7 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             m = meant[i]
             if m.meaning in INPUTS and m.axle is not None and _is_indexed(m.field) is indexed:
                 by_meaning.setdefault(m.meaning, []).append(i)
-        numbers = {
-            meaning: [meant[i].axle or 0 for i in indices]
-            for meaning, indices in by_meaning.items()
-        }
+        numbers = {x: [meant[i].axle or 0 for i in indices] for x, indices in by_meaning.items()}
         highest = max((max(n) for n in numbers.values() if 0 in n), default=-1)
         for meaning, indices in by_meaning.items():
             shifted += indices if max(numbers[meaning]) <= highest else []
@@ -406,10 +384,8 @@ def _drop_sums(meant: list[Meant], guesses: list[int]) -> None:
     """Of the forces of motors the most detailed are taken: of axles, bogies or the vehicle."""
     for meaning in MOTOR_FORCES:
         places = {i: place_of(meant[i].field) for i in guesses if meant[i].meaning == meaning}
-        details = {
-            i: 3 if meant[i].axle is not None else 2 if place.bogie else bool(place.part)
-            for i, place in places.items()
-        }
+        forces = ((i, meant[i].axle is not None, x) for i, x in places.items())
+        details = {i: 3 if of_axle else 2 if x.bogie else bool(x.part) for i, of_axle, x in forces}
         finest = max(details.values(), default=0)
         for i in (i for i, detail in details.items() if detail < finest):
             reason = "a sum, and the log has its parts as well"
@@ -427,10 +403,8 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if m.meaning not in MOTOR_FORCES or m.axle is not None:
             continue
         mapping = m.mapping if i not in guesses else None
-        if not mapping.place if mapping else _is_of_each(m):
-            continue
         axles = (mapping.axles if mapping else ()) or all_axles
-        if len(axles) < 2 and not mapping:
+        if not mapping.place if mapping else _is_of_each(m) or len(axles) < 2:
             continue
         rows = [replace(m, axle=axle, share=1.0 / len(axles)) for axle in axles]
         meant[i] = rows[0]
@@ -469,32 +443,24 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant[i] = replace(m, meaning=None, reason=reason)
             if i in in_unit or not units.unit_for(holder.unit, m.meaning):
                 repeats.setdefault(key, []).append(m.field)
-    return [
-        Finding(
-            "channel-ambiguous",
-            "info"
-            if meaning == "train_speed"
-            or (axle and _are_sides([holders[meaning, axle].title, *map(title, fields)]))
-            else "warning",
-            channel=", ".join(map(title, fields[:_MOST_NAMED])),
-            count=len(fields),
-            names={
-                "first": holders[meaning, axle].title,
-                "meaning": holders[meaning, axle].describe,
-                "option": _as_option(replace(holders[meaning, axle], field=fields[0])),
-            },
-        )
-        for (meaning, axle), fields in repeats.items()
-    ]
+    findings = []
+    for (meaning, axle), fields in repeats.items():
+        holder, titles = holders[meaning, axle], [*map(title, fields)]
+        is_usual = meaning == "train_speed" or (axle and _are_sides([holder.title, *titles]))
+        option = _as_option(replace(holder, field=fields[0]))
+        names = {"first": holder.title, "meaning": holder.describe, "option": option}
+        severity: Severity = "info" if is_usual else "warning"
+        channel, count = ", ".join(titles[:_MOST_NAMED]), len(fields)
+        findings.append(Finding("channel-ambiguous", severity, channel, count, names=names))
+    return findings
 
 
 def _are_sides(names: Sequence[str]) -> bool:
     """Whether channels are sensors of one axle, as "v1 left" and "v1 right"."""
-    words_of_names = [
-        name_words(_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name)) for name in names
-    ]
-    differing = [x for column in zip(*words_of_names, strict=False) if len(x := {*column}) > 1]
-    has_one_difference = len({*map(len, words_of_names)}) == len(differing) == 1
+    lettered = (_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name) for name in names)
+    words = [*map(name_words, lettered)]
+    differing = [x for column in zip(*words, strict=False) if len(x := {*column}) > 1]
+    has_one_difference = len({*map(len, words)}) == len(differing) == 1
     return has_one_difference and all(word_of_kind("side", [word]) for word in differing[0])
 
 
@@ -552,9 +518,8 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
     names = [title(f) for f in matching]
     if in_group:
         key = _key(m.meaning, m.axle)
-        similar = [
-            f for f in in_group if (g := guess(f)).meaning == m.meaning and m.axle in (None, g.axle)
-        ]
+        of_meaning = [f for f in in_group if guess(f).meaning == m.meaning]
+        similar = [f for f in of_meaning if m.axle in (None, guess(f).axle)]
         chosen = (similar or in_group)[0]
         path = re.sub(r"\[\d+\]$", "", chosen.path) if m.axle is None else chosen.path
         entry = {"channel": m.channel, "field": path, "group": chosen.group, "unit": m.unit}

@@ -9,18 +9,10 @@ from collections.abc import Iterable, Mapping
 from itertools import accumulate
 from typing import NamedTuple
 
-from ..core.model import Meaning
+from ..core.model import INPUTS, OTHER_BRAKES, Meaning
 from .rules import Place
 
-_OF_AXLES: tuple[Meaning, ...] = (
-    "wheel_speed",
-    "pressure",
-    "clamping_force",
-    "truth",
-    "true_slip",
-    "ed_force",
-    "traction_force",
-)
+_OF_AXLES = INPUTS - {"train_speed", *OTHER_BRAKES}
 UNCLEAR = "its name does not say which axles it serves"
 
 
@@ -80,10 +72,9 @@ def _counted_in_bogies(places: Mapping[int, Place]) -> dict[int, Place]:
     pairs = {(p.part, p.bogie, p.axle) for p in places.values() if p.bogie and p.axle is not None}
     if len({(word, axle) for word, _, axle in pairs}) == len(pairs):
         return dict(places)
-    return {
-        i: p._replace(axle=2 * (p.bogie - 1) + p.axle, bogie=None) if p.bogie and p.axle else p
-        for i, p in places.items()
-    }
+    in_bogies = {i: (p.bogie, p.axle) for i, p in places.items() if p.bogie and p.axle}
+    axles = {i: 2 * (bogie - 1) + axle for i, (bogie, axle) in in_bogies.items()}
+    return {**places, **{i: places[i]._replace(axle=x, bogie=None) for i, x in axles.items()}}
 
 
 def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:

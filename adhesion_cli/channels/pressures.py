@@ -119,11 +119,8 @@ def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel,
 
 def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None:
     """How the train moves, by its speed or its fastest wheel; None where nothing shows it."""
-    speeds = [
-        c
-        for c in channels
-        if c.meaning in ("wheel_speed", "train_speed") and not c.is_rate and len(c.data.t)
-    ]
+    speeds = [c for c in channels if c.meaning in ("wheel_speed", "train_speed")]
+    speeds = [c for c in speeds if not c.is_rate and len(c.data.t)]
     if not speeds:
         return None
     start = min(int(c.data.t.min()) for c in speeds)

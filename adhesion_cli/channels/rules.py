@@ -149,6 +149,7 @@ _COUNTS = _LETTERS | {"i": 1, "ii": 2, "iii": 3, "iv": 4}  # as in "axle A", "bo
 _DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
     r"(?<![^\W_])[A-Za-z]{2,3}(?:\d{3,4}[A-Z]?|\d{2}-[A-Z])(?:_\d+)+"
 )
+_AT_DEVICE = re.compile(r"\\[^\\:]*:\d+$|\{\s*\}$|^\{\[\w+\]|(?<=\w)\}$")
 # Numbers that count nothing: of a module and channel in front, of a device, a date, a range, a
 # resolution, a filter, a sensor, a version.
 _NO_COUNT = re.compile(
@@ -224,20 +225,17 @@ def _kinds(word: str) -> dict[str, str]:
     """The kinds of a word, each with the part of it that says so; none for a number."""
     if word.isdecimal():
         return {}
-    return {kind: match for kind in _WORDS_BY_KIND if (match := _part_of_kind(kind, word))}
+    kinds = ((kind, _part_of_kind(entries, word)) for kind, entries in _WORDS_BY_KIND.items())
+    return {kind: match for kind, match in kinds if match}
 
 
-def _part_of_kind(kind: str, word: str) -> str:
-    vocabulary = _WORDS_BY_KIND[kind]
-    if word in vocabulary or any(stem in vocabulary and stem in word for stem in _STEMS):
+def _part_of_kind(entries: Sequence[str], word: str) -> str:
+    """The part of a word that is one of these, short ones of letters only at its beginning."""
+    if word in entries or any(stem in entries and stem in word for stem in _STEMS):
         return word
-    return next((e for e in vocabulary if not e.isascii() and _is_part(e, word)), "")
-
-
-def _is_part(entry: str, word: str) -> bool:
-    """Whether a word that is not ASCII says this: short ones of letters only at its beginning."""
-    is_two_digits = len(entry) < 4 and entry < "ぁ"  # "оси" is no part of "относительная"
-    return word.startswith(entry) if is_two_digits else entry in word
+    # "оси" is no part of "относительная"
+    parts = (x for x in entries if not x.isascii() and x in word)
+    return next((x for x in parts if len(x) > 3 or x >= "ぁ" or word.startswith(x)), "")
 
 
 class _Name:
@@ -260,8 +258,10 @@ class _Name:
             count = field.path if counted and counted.dimension == "count" else ""
             self.unit = path_unit or label_unit or unit or count
             self.unit_from = "in the name"
-        if not self.unit:
-            self.unit, self.unit_from = _by_convention(field)
+        for message_type, place, by_definition in _CONVENTIONS if not self.unit else ():
+            if re.search(message_type, field.message_type) and re.search(place, field.path):
+                self.unit, self.unit_from = by_definition, f"by definition of {field.message_type}"
+                break
         if not path and (last_part := re.search(r"(?:/|\.(?! ))([^/.]{3,})$", base)):
             path = last_part[1]  # a topic and field written as one column header
         own_words = [w for w in name_words(path) if not w.isdecimal() and w not in GENERIC]
@@ -338,14 +338,6 @@ def _conditions(pattern: str) -> list[tuple[str, list[str]]]:
     return [(phrase[:1], phrase.lstrip("!?").split("|")) for phrase in conditions]
 
 
-def _by_convention(field: Field) -> tuple[str, str]:
-    """The unit that a message type fixes, and the reason; "" where it fixes none."""
-    for message_type, place, by_definition in _CONVENTIONS:
-        if re.search(message_type, field.message_type) and re.search(place, field.path):
-            return by_definition, f"by definition of {field.message_type}"
-    return "", ""
-
-
 def _wheel(name: _Name) -> str:
     """The word for wheel or axle; that of the topic only where the field does not say train."""
     around = "" if "train" in name.own_kinds else name.kinds.get("wheel", "")
@@ -358,15 +350,12 @@ def _adhesion_force(name: _Name) -> str:
     It is next to the word for a force, or the only word but for an axle. A force for an adhesion
     test is no adhesion force.
     """
-    extra_words = [
-        w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())
-    ]
-    for i, word in enumerate(extra_words):
-        if word_of_kind("adhesion", [word]) and word_of_kind(
-            "force", extra_words[max(0, i - 1) : i + 2]
-        ):
+    words = [w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())]
+    for i, word in enumerate(words):
+        neighbours = words[max(0, i - 1) : i + 2]
+        if word_of_kind("adhesion", [word]) and word_of_kind("force", neighbours):
             return word
-    unexplained = [w for w in extra_words if not {"wheel", "bogie"} & _kinds(w).keys()]
+    unexplained = [w for w in words if not {"wheel", "bogie"} & _kinds(w).keys()]
     return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
@@ -407,12 +396,9 @@ def guess(field: Field) -> Guess:
         if rule.reason in (_NAMED, _SHOWN, _ON) and not _OF_AXLE & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
-        reasons = (
-            f"name has {names}" if names else "",
-            f"unit {unit}: {name.unit_from or 'in the name'}" if unit else "no unit stated",
-            rule.reason,
-        )
-        return Guess(rule.meaning, axle, unit, "; ".join(p for p in reasons if p))
+        source = f"unit {unit}: {name.unit_from or 'in the name'}" if unit else "no unit stated"
+        reasons = f"name has {names}" if names else "", source, rule.reason
+        return Guess(rule.meaning, axle, unit, "; ".join(filter(None, reasons)))
     return Guess(None, axle, name.unit, NO_NAME)
 
 
@@ -439,10 +425,10 @@ def names_place(name: str) -> bool:
 def _own_message(field: Field) -> Guess:
     """What a field of a result of this program means."""
     place = re.search(r"/axle/(\d+)/", field.channel)
-    axle = int(place[1]) if place else None
-    if own_meaning := _OWN_MESSAGES.get((field.message_type, field.path)):
-        return Guess(own_meaning[0], axle, own_meaning[1], f"by definition of {field.message_type}")
-    return Guess(None, axle, field.unit, f"{field.message_type}: no input of an analysis")
+    axle, kind = int(place[1]) if place else None, field.message_type
+    meaning, unit = _OWN_MESSAGES.get((kind, field.path), (None, field.unit))
+    reason = f"by definition of {kind}" if meaning else f"{kind}: no input of an analysis"
+    return Guess(meaning, axle, unit, reason)
 
 
 class Place(NamedTuple):
@@ -470,8 +456,7 @@ def place_of(field: Field) -> Place:
     numbered = next((p for p in places if p.axle is not None), Place(None, None, ""))
     bogie = next((p.bogie for p in places if p.bogie is not None), None)
     owner = next((p.part for p in places if p.part), "")
-    spare_numbers += [p.spare for p in places if p.spare]
-    spare = next(reversed(spare_numbers), None)
+    spare = next(reversed([*spare_numbers, *(p.spare for p in places if p.spare)]), None)
     return numbered._replace(bogie=bogie, part=owner, spare=spare)
 
 
@@ -517,14 +502,10 @@ def _numbered(words: Sequence[str]) -> list[str]:
 
 def _letter(name_parts: Sequence[str]) -> int | None:
     """What a letter counts behind a wheel or cylinder, or behind a quantity at the end."""
-    name_words = [*filter(None, name_parts), ""]
-    for previous_word, word, next_word in zip(
-        name_words, name_words[1:], name_words[2:], strict=False
-    ):
-        if (
-            word in _COUNTS
-            and (_NUMBERED if next_word else _NUMBERED | _MEASURED) & _kinds(previous_word).keys()
-        ):
+    parts = [*filter(None, name_parts), ""]
+    for previous_word, word, next_word in zip(parts, parts[1:], parts[2:], strict=False):
+        kinds = _NUMBERED if next_word else _NUMBERED | _MEASURED
+        if word in _COUNTS and kinds & _kinds(previous_word).keys():
             return _COUNTS[word]
     return None
 
@@ -622,9 +603,7 @@ def _without_device(field: Field) -> Field:
     Of the labels of a series, in braces, those of an axle, bogie or car and the names stay.
     """
     names = (_LABELS.sub(_own_label, x) for x in (field.channel, field.label))
-    channel, label = (
-        re.sub(r"\\[^\\:]*:\d+$|\{\s*\}$|^\{\[\w+\]|(?<=\w)\}$", "", x) for x in names
-    )
+    channel, label = (_AT_DEVICE.sub("", x) for x in names)
     return replace(field, channel=channel, label=label)
 
 

@@ -6,21 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core import masks, time_axis, toml, units
+from ..core import masks, model, time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
-from ..core.model import (
-    MOTOR_FORCES,
-    OTHER_BRAKES,
-    STATES,
-    Bools,
-    Channel,
-    Column,
-    Floats,
-    Parameter,
-    Times,
-    Vehicle,
-)
+from ..core.model import Bools, Channel, Column, Floats, Parameter, Times, Vehicle
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, entry_of, name
 
@@ -161,10 +150,8 @@ def channel(
     origin = (name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason)
     faults = (axis.gaps, axis.duplicates, axis.backward, row_of)
     si_channel = Channel(*origin, data, samples, starts, axis.gap_ns, step, rate, *faults, is_rate)
-    si_channel = replace(
-        si_channel, label=m.field.label, period_step=tick, delay=m.delay, held=held
-    )
-    return replace(si_channel, zero=zero(m, vehicle)), findings
+    si_channel = replace(si_channel, label=m.field.label, period_step=tick, delay=m.delay)
+    return replace(si_channel, held=held, zero=zero(m, vehicle)), findings
 
 
 def zero(m: Meant, vehicle: Vehicle) -> Parameter:
@@ -205,7 +192,7 @@ def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
         return 2.0 * math.pi / max(m.teeth, 1)
     if unit.dimension == "pulse rate":
         return unit.factor * (2.0 * math.pi / max(m.teeth, 1))
-    if m.meaning in MOTOR_FORCES:
+    if m.meaning in model.MOTOR_FORCES:
         arm, full_force = (m.mapping.arm, m.mapping.full_force) if m.mapping else (0.0, 0.0)
         of_one = full_force if unit.dimension == "ratio" else 1.0  # the force of 1 in SI [N]
         if unit.dimension == "torque":
@@ -233,7 +220,8 @@ def _of_recorder(
         notes.append(Finding(code, "info", m.title, count, spans, values))
 
     unit, is_code = units.unit(m.unit), np.zeros(samples, dtype=np.bool_)
-    is_share = (unit and unit.dimension == "ratio") or m.meaning in (*STATES, *OTHER_BRAKES)
+    is_share = bool(unit and unit.dimension == "ratio")
+    is_share |= m.meaning in (*model.STATES, *model.OTHER_BRAKES)
     for number in [] if is_share else codes_of_no_value(column.value[column.valid]):
         has_number = column.valid & (column.value == number)
         note("value-is-code", has_number, {"number": number})

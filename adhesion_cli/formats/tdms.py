@@ -13,6 +13,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
 from ..core.time_axis import from_digits
+from . import tables
 from .as_text import HEAD, printable
 from .csv.cells import Clock
 from .csv.dialect import Dialect, fit
@@ -20,15 +21,7 @@ from .csv.header_words import label, time_name, time_unit
 from .csv.time_column import find_clock
 from .number_text import number_of
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
-from .tables import (
-    Contents,
-    NamedColumn,
-    TableSamples,
-    fields,
-    nanoseconds,
-    open_scale,
-    state_fields,
-)
+from .tables import Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
 
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
@@ -466,9 +459,10 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
         channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
-    if channel.dtype.kind in "iu" and not types and (problem := open_scale(channel.properties)):
+    is_whole = channel.dtype.kind in "iu"
+    if is_whole and not types and (problem := tables.open_scale(channel.properties)):
         return problem
-    if is_known_scaling or not (types or (has_raw_data and channel.dtype.kind in "iu")):
+    if is_known_scaling or not (types or (has_raw_data and is_whole)):
         return ""
     return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"
 

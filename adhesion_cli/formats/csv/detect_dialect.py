@@ -7,25 +7,11 @@ from pathlib import Path
 
 from ...core.errors import UserError
 from ...core.units import in_name, unit
-from ..number_text import (
-    group_mark,
-    has_smaller_jumps,
-    is_number,
-    is_plain_number,
-    number_grammar,
-    unit_behind,
-)
+from .. import number_text
+from ..number_text import group_mark, is_number, is_plain_number, number_grammar, unit_behind
 from ..source import ReadOptions
-from .dialect import (
-    COMMENT,
-    TEXT_MARK,
-    Dialect,
-    fit,
-    is_comment,
-    is_null,
-    split,
-    without_brackets,
-)
+from . import dialect
+from .dialect import TEXT_MARK, Dialect, fit, is_comment, is_null, split, without_brackets
 from .header import (
     DELIMITERS,
     REMARKS,
@@ -347,7 +333,7 @@ def _likelier(cells: list[str], mark: str) -> str:
     """How to state the decimal mark: this one, or the other where groups make smaller jumps."""
     numbers = list(filter(number_grammar(mark).fullmatch, cells))
     mark_names = ["comma", "point"] if mark == "," else ["point", "comma"]
-    likely, unlikely = mark_names[:: -1 if has_smaller_jumps(numbers, mark) else 1]
+    likely, unlikely = mark_names[:: -1 if number_text.has_smaller_jumps(numbers, mark) else 1]
     return f"state it, as `--set csv.decimal={likely}` (or {unlikely})"
 
 
@@ -365,7 +351,7 @@ def _header_reasons(
     units_reason: str,
     preamble_count: int | None,
 ) -> dict[str, str]:
-    comment = next((m[1] for _, text in table.lines if (m := COMMENT.match(text))), "")
+    comment = next((m[1] for _, text in table.lines if (m := dialect.COMMENT.match(text))), "")
     reasons = {
         "header": _why_header(table, header, options),
         "units row": units_reason,

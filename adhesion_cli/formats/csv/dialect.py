@@ -78,6 +78,10 @@ class Dialect:
         cells = (c for c in self.column(index) if number.fullmatch(c))
         return [float(c.replace(",", ".")) for c in cells]
 
+    def is_numeric(self, index: int) -> bool:
+        """Whether at least half of a column's cells in the head's rows are numbers."""
+        return 2 * len(self.numbers(index)) >= len(self.column(index))
+
     def unit_beside(self, index: int) -> str:
         """The unit that each row of the head has in the column behind, "" for none."""
         k = index + 1

@@ -12,17 +12,9 @@ from ...core.errors import UserError
 from ...core.text import distinct
 from ...core.units import in_name
 from ..number_text import is_number, number_grammar, number_of
+from . import header_words
 from .dialect import fit, is_comment, is_null, split, uncommented
-from .header_words import (
-    TYPES,
-    is_named,
-    is_statistic,
-    is_units_row,
-    label,
-    normal,
-    speaks_of_time,
-    time_name,
-)
+from .header_words import TYPES, is_named, is_units_row, label, normal, speaks_of_time, time_name
 from .lines import Line, first_numbers
 from .stamps import is_stamp
 
@@ -229,7 +221,7 @@ def _below_names(table: FirstRows, start: int) -> int:
 
 def _is_statistics(cells: list[str]) -> bool:
     """Whether a row states the largest numbers, the mean or such of the columns."""
-    return bool(cells) and is_statistic(cells[0]) and any(map(is_number, cells))
+    return bool(cells) and header_words.is_statistic(cells[0]) and any(map(is_number, cells))
 
 
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:

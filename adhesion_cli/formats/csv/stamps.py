@@ -126,7 +126,7 @@ def read(cells: Sequence[str], pattern: str) -> Times:
     return t[ok]
 
 
-def with_counted_fraction(cells: Sequence[str], pattern: str) -> str:
+def as_counted(cells: Sequence[str], pattern: str) -> str:
     """The pattern; of a fraction without leading zeros, as .20 after .180, one that counts.
 
     Such a fraction counts milliseconds or microseconds. Only so the times do not fall.

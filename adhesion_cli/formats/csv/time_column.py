@@ -20,18 +20,7 @@ from .cells import COUNTS, GPS, Clock, count_of
 from .dialect import Dialect, is_null, stamps_in
 from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
-from .stamps import (
-    CLOCKS,
-    DATES,
-    DIGITS,
-    READABLE,
-    SHORT_STAMPS,
-    STAMPS,
-    decided,
-    forms_of,
-    read,
-    with_counted_fraction,
-)
+from .stamps import CLOCKS, DATES, DIGITS, SHORT_STAMPS, STAMPS, as_counted, decided, forms_of, read
 
 _DATES = ("iso", "ymd", "dmy", "mdy")  # stated units of columns of dates
 TIME_UNITS = (*COUNTS, *_DATES)
@@ -77,7 +66,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     if clock:
         return search.begun(clock)
     named = search.named()
-    text_columns = [i for i in named if len(dialect.numbers(i)) < len(dialect.column(i)) / 2]
+    text_columns = [i for i in named if not dialect.is_numeric(i)]
     clock = search.first_clock(named, "column named")
     if clock is None and not text_columns:
         clock = search.first_clock(search.likely(), "time by its cells or unit: column")
@@ -103,11 +92,8 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
     """
     search, names = _ClockSearch(dialect, None, rows, path), dialect.names
     alike = [k for k, name in enumerate(names) if _unnumbered(name) == _unnumbered(names[0])]
-    times = [
-        k
-        for k, name in enumerate(names)
-        if _named(dialect, k) or speaks_of_time(name) or time_unit(dialect.units[k])
-    ]
+    units_of_names = enumerate(zip(names, map(time_unit, dialect.units), strict=True))
+    times = [k for k, (x, u) in units_of_names if u or speaks_of_time(x) or _named(dialect, k)]
     begins = alike if len(alike) > 1 and {*alike} <= {*times} else times
     columns = [range(a + 1, b) for a, b in pairwise([*begins, len(names)])]
     if len(begins) < 2 or begins[0] or not all(columns):
@@ -175,15 +161,11 @@ class _ClockSearch:
 
     def likely(self) -> list[int]:
         """Columns of stamps, then those that rise and whose name or unit speaks of time."""
-        dialect = self.dialect
-        columns = range(len(dialect.names) * dialect.headed)
-        forms = CLOCKS | STAMPS
-        stamps = [
-            i
-            for i in columns
-            if len(set(dialect.column(i))) > 1 and forms_of(dialect.column(i), forms, self.unit)
-        ]
-        dates = [i for i in columns if forms_of(dialect.column(i), DATES)]
+        dialect, forms = self.dialect, CLOCKS | STAMPS
+        columns = {i: dialect.column(i) for i in range(len(dialect.names) * dialect.headed)}
+        varying = {i: cells for i, cells in columns.items() if len({*cells}) > 1}
+        stamps = [i for i, cells in varying.items() if forms_of(cells, forms, self.unit)]
+        dates = [i for i, cells in columns.items() if forms_of(cells, DATES)]
         rising = [i for i in columns if _rises(dialect, i)]
         shown = {i: self._shown_unit(i, dialect.numbers(i), None) for i in rising}
         days = [i for i, x in shown.items() if x and COUNTS[x[0]].ns == NS_PER_UNIT["d"]]
@@ -211,8 +193,8 @@ class _ClockSearch:
         cells = self.dialect.column(i)
         if not cells:
             return None
-        is_numeric = len(self.dialect.numbers(i)) >= READABLE * len(cells)
-        if is_numeric and not forms_of(cells, STAMPS):  # digits may be a date and a time
+        # digits may be a date and a time
+        if self.dialect.is_numeric(i) and not forms_of(cells, STAMPS):
             return self._of_digits(i, reason) or self._of_numbers(i, reason)
         return self._of_stamps(i, reason)
 
@@ -249,9 +231,8 @@ class _ClockSearch:
         is_digits = clock.may_be_digits and forms_of(columns[0], DIGITS)
         if not patterns or is_digits or not all(columns):
             return clock
-        first_time = (
-            int(clock.nanoseconds([pa.array(x[:1]) for x in columns])[0][0]) if columns else 0
-        )
+        heads = [pa.array(x[:1]) for x in columns]
+        first_time = int(clock.nanoseconds(heads)[0][0]) if heads else 0
         starts = {int(read([text], x)[0]) for x in patterns}
         start = min(starts)
         begin: int | None = start
@@ -279,12 +260,10 @@ class _ClockSearch:
     def _stamp_above(self) -> tuple[str, list[str]]:
         """Start or date that the lines above the table state, and the patterns that read it."""
         stamps = stamps_in(self.dialect.preamble, self.dialect.delimiter)
-        labelled_stamps = [
-            (kind, x) for line_label, x in stamps.items() if (kind := label(line_label))
-        ]
-        halves = {kind.replace("day", "date"): x for kind, x in reversed(labelled_stamps)}
+        labelled = [(kind, x) for text, x in stamps.items() if (kind := label(text))]
+        halves = {kind.replace("day", "date"): x for kind, x in reversed(labelled)}
         date, clock = halves.get("date", ""), halves.get("clock", "")
-        whole_stamps = [x for kind, x in labelled_stamps if kind in ("date", "day", "clock")]
+        whole_stamps = [x for kind, x in labelled if kind in ("date", "day", "clock")]
         for forms, texts in (STAMPS, [*whole_stamps, f"{date} {clock}"]), (DATES, [date]):
             for text in texts:
                 if names := forms_of([text], forms, self.unit):
@@ -312,13 +291,10 @@ class _ClockSearch:
             times, _ = relative.nanoseconds([pa.array(dialect.column(i))])
             if len(times) == len(stamps) and np.ptp(offsets := stamps - times) <= _S:
                 reason = f"{relative.reason}; start by {clock.reason}"
-                return replace(
-                    relative,
-                    start=int(offsets.max()),  # the stamps are rounded down
-                    absolute=clock.absolute,
-                    reason=reason,
-                    findings=(*clock.findings, *relative.findings),
-                )
+                notes = (*clock.findings, *relative.findings)
+                start = int(offsets.max())  # the stamps are rounded down
+                relative = replace(relative, start=start, reason=reason, findings=notes)
+                return replace(relative, absolute=clock.absolute)
         return clock
 
     def with_date(self, clock: Clock) -> Clock:
@@ -394,12 +370,13 @@ class _ClockSearch:
             else:
                 continue
             if differs:
-                text = f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and "
-                text += "differ: which columns belong to which is not clear"
-                hint = "give the times one name, and write each before its channels; or export "
-                hint += "all channels on one time axis; or, if all that are needed belong to one, "
-                hint += f"{_stated_time(f'column {i + 1}', '')}"
-                raise UserError(text, hint)
+                raise UserError(
+                    f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and differ: "
+                    "which columns belong to which is not clear",
+                    "give the times one name, and write each before its channels; or export all "
+                    "channels on one time axis; or, if all that are needed belong to one, "
+                    + _stated_time(f"column {i + 1}", ""),
+                )
 
     def _of_numbers(self, i: int, choice: str) -> Clock | None:
         """The clock of a column of numbers; None where it is not a time."""
@@ -408,7 +385,7 @@ class _ClockSearch:
         falls = sum(b < a for a, b in pairwise(values))
         said = self._said_unit(i)
         if falls and (not said or said[0] == "s"):
-            pattern = with_counted_fraction(dialect.column(i), _SECONDS)
+            pattern = as_counted(dialect.column(i), _SECONDS)
             if pattern != _SECONDS:
                 reason = f"{choice}; s, with a fraction that has no leading zeros"
                 return Clock((i,), "", pattern, ".", False, reason)
@@ -429,11 +406,9 @@ class _ClockSearch:
         absolute = bool(count.at_1970) or count.seconds(values[0]) >= _EPOCH_S[0]
         is_slow = unit == "s" and source != "stated" and _step(values) >= _SLOW_S and not absolute
         if is_slow and "ms" in self._usual_units(values):
-            text = f"time column {name!r} says s, and has steps of {_step(values):g} s: the log "
-            text += f"would be {self._length(values):g} s long"
-            error = self._refusal(i, text, values)
-            error.hint += " (or s)"
-            raise error
+            text = f"{self.path}: time column {name!r} says s, and has steps of {_step(values):g} "
+            text += f"s: the log would be {self._length(values):g} s long"
+            raise UserError(text, f"{self.proposal(i, values)} (or s)")
         epoch = "Unix epoch, " if absolute else ""
         reason = f"{choice}; {count.name or epoch + unit} ({source})"
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
@@ -448,17 +423,15 @@ class _ClockSearch:
         """
         if unit not in GPS or not _EPOCH_S[0] <= COUNTS[unit].seconds(first):
             return None
-        is_named = "gps" in name.casefold() and "utc" not in name.casefold()
+        is_gps = "gps" in name.casefold() and "utc" not in name.casefold()
         is_possible = COUNTS[GPS[unit]].seconds(first) < _GPS_END_S
-        if not is_named and not is_possible:
+        if not is_gps and not is_possible:
             return None
-        is_gps = is_named and is_possible
+        is_gps &= is_possible
         taken, other_unit = (GPS[unit], unit) if is_gps else (unit, GPS[unit])
-        names = {
-            "taken": "GPS time" if is_gps else "Unix time",
-            "other": "Unix time" if is_gps else "GPS time",
-            "option": toml.option(f"channels.time.unit = {toml.quoted(other_unit)}"),
-        }
+        titles = ("Unix time", "GPS time")
+        names = {"taken": titles[is_gps], "other": titles[not is_gps]}
+        names["option"] = toml.option(f"channels.time.unit = {toml.quoted(other_unit)}")
         return taken, Finding("time-gps", "info", name, names=names)
 
     def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
@@ -582,17 +555,11 @@ class _ClockSearch:
 
     def _beside_date(self, i: int, choice: str) -> Clock | None:
         """The clock of a time of day beside a column named as a date; None where there is none."""
-        names = self.dialect.names
-        k = next(
-            (
-                k
-                for k, name in enumerate(names)
-                if k != i and label(name) == "date" and not self.stands_apart(k)
-            ),
-            i,
-        )
-        clocks = (self._stamped((k, i), forms, choice) for forms in (STAMPS, SHORT_STAMPS))
-        return next(filter(None, clocks), None) if k != i else None
+        dates = (k for k, x in enumerate(self.dialect.names) if k != i and label(x) == "date")
+        k = next((k for k in dates if not self.stands_apart(k)), None)
+        forms = (STAMPS, SHORT_STAMPS) if k is not None else ()
+        clocks = (self._stamped((k or 0, i), x, choice) for x in forms)
+        return next(filter(None, clocks), None)
 
     def _of_digits(self, i: int, choice: str) -> Clock | None:
         """The clock of digits, HHMMSS, beside a date, or of whole seconds beside milliseconds."""
@@ -623,7 +590,7 @@ class _ClockSearch:
         form, order, other_form = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
         reason = f"{choice}; time of day in {names}{_UNDATED}"
-        pattern = with_counted_fraction(self._joined(columns), forms[form])
+        pattern = as_counted(self._joined(columns), forms[form])
         is_dated = forms is not CLOCKS
         if is_dated:
             matches = (re.fullmatch(pattern, c) for c in self._joined(columns))
@@ -639,12 +606,9 @@ class _ClockSearch:
         """The note that a date may be another one."""
         dates = (x.split()[1] for x in (form, other_form))
         taken_order, other_order = (_ORDERS.get(x, "year/month/day") for x in dates)
-        names = {
-            "example": self.dialect.column(i)[0],
-            "taken": taken_order,
-            "other": other_order,
-            "option": toml.option(f"channels.time.unit = {toml.quoted(other_form[-3:])}"),
-        }
+        option = toml.option(f"channels.time.unit = {toml.quoted(other_form[-3:])}")
+        names = {"taken": taken_order, "other": other_order, "option": option}
+        names["example"] = self.dialect.column(i)[0]
         return (Finding("date-order-guessed", "info", self.dialect.names[i], names=names),)
 
     def _with_fraction(self, columns: tuple[int, ...], pattern: str) -> tuple[tuple[int, ...], str]:
@@ -660,11 +624,8 @@ class _ClockSearch:
         longer = (*columns, fields[field])
         unnamed = re.sub(r"\?P<[flu]>", "?:", pattern)
         with_part = rf"{unnamed} (?P<{field}>[0-9]{{1,{_DIGITS[field]}}})"
-        return (
-            (longer, with_part)
-            if forms_of(self._joined(longer), {"": with_part})
-            else (columns, pattern)
-        )
+        is_read = forms_of(self._joined(longer), {"": with_part})
+        return (longer, with_part) if is_read else (columns, pattern)
 
     def _order(
         self, columns: Sequence[int], names: list[str], forms: Mapping[str, str]

@@ -10,26 +10,9 @@ from mcap.records import Schema
 
 from ...core.finding import Finding, Severity
 from ..source import MOST_WORDS, ReadOptions, distinct_words
+from . import fields
 from .columns import Decoder
-from .fields import (
-    MAX_NUMBERS,
-    Leaf,
-    Stamp,
-    Steps,
-    Tree,
-    UndecodableError,
-    empty,
-    is_label,
-    label_of,
-    node_at,
-    number_leaves,
-    owner_of,
-    path,
-    quoted_numbers,
-    stamp,
-    states_unit,
-    typical,
-)
+from .fields import Leaf, Stamp, Steps, Tree, UndecodableError, node_at, path
 from .walk import Walk
 
 _NEED_SCHEMA = ("protobuf", "cdr")  # encodings
@@ -86,7 +69,7 @@ def grouped(walk: Walk) -> list[Series]:
             channel.topic,
             channel.message_encoding,
             (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
-            tuple(sorted(pair for pair in channel.metadata.items() if states_unit(pair[0]))),
+            tuple(sorted(pair for pair in channel.metadata.items() if fields.states_unit(pair[0]))),
         )
         series = by_key.setdefault(
             key, Series(channel.topic, channel.message_encoding, schema, channel.metadata)
@@ -125,7 +108,7 @@ def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iter
             yield from _look(s, trees, decoders, options)
         parts = _parts(s, trees, owners) if trees else []
         for part, its_trees in parts:
-            part.tree = typical(its_trees)
+            part.tree = fields.typical(its_trees)
             assert part.decoder is not None
             yield from _offer(part, part.decoder, its_trees)
             _find_stamp(part, its_trees)
@@ -136,10 +119,10 @@ def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iter
 
 def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, list[Tree]]]:
     """The series of each owner with its first messages; the series itself where it has none."""
-    place, known = owners.get(s.topic, (owner_of(trees), ()))
+    place, known = owners.get(s.topic, (fields.owner_of(trees), ()))
     trees_of: dict[Tree, list[Tree]] = {owner: [] for owner in known}
     for tree in trees if place else ():
-        if is_label(owner := node_at(tree, place)):
+        if fields.is_label(owner := node_at(tree, place)):
             trees_of.setdefault(owner, []).append(tree)
     if not 1 < len(trees_of) <= MOST_WORDS:
         return [(s, trees)]
@@ -151,7 +134,7 @@ def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, l
                 owner=owner,
                 owners=tuple(trees_of),
                 owner_at=place,
-                group=f"{s.group} {label_of(place, owner)}".strip(),
+                group=f"{s.group} {fields.label_of(place, owner)}".strip(),
                 fields={},
                 texts={},
             ),
@@ -208,7 +191,7 @@ def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
 
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
-    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata, s.owner_at)
+    numbers, texts, skipped = fields.number_leaves(s.tree, decoder.unit, s.metadata, s.owner_at)
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:
             skipped.append(f"a second {leaf.path}")
@@ -219,9 +202,9 @@ def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
         if words := distinct_words(text for text in met if isinstance(text, str) and text):
             s.texts.setdefault(path(steps), Leaf(steps, words=words))
     if s.encoding == "json":  # a schema that says text means text
-        skipped += islice(quoted_numbers(s.tree), MAX_NUMBERS)
+        skipped += islice(fields.quoted_numbers(s.tree), fields.MAX_NUMBERS)
     head_count = len(s.heads)
-    if not numbers and s.rows > head_count and (s.encoding == "json" or any(empty(s.tree))):
+    if not numbers and s.rows > head_count and (s.encoding == "json" or any(fields.empty(s.tree))):
         skipped.append(f"what follows {head_count} messages without a number")
     if skipped:
         examples = ", ".join(p[:80] for p in skipped[:3])
@@ -229,7 +212,7 @@ def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
 
 
 def _find_stamp(s: Series, trees: list[Tree]) -> None:
-    s.stamp = stamp(s.tree, texts=s.encoding == "json")
+    s.stamp = fields.stamp(s.tree, texts=s.encoding == "json")
     if s.stamp is None:
         return
     has_stamp = any(node_at(trees[0], steps) is not None for steps in s.stamp.places)
