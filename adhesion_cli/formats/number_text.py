@@ -24,11 +24,10 @@ _GROUPS = re.compile(
     r"[+-]?(?:[1-9][0-9]{0,2}([., '])[0-9]{3}(?:\1[0-9]{3})*|[0-9]{1,3})(?:([.,])[0-9]*)?"
 )
 _WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
-_GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
 _DASH = re.compile('(?<![^;,|\\s"])\u2013(?=[0-9])')  # in place of a minus
-_PLAIN = str.maketrans(
-    "\u2212\u2011\u2012\uff0d\u00a0\u202f\u2007\u2009\uff1a", "----    :", "\ufeff"
-)
+_BLANKS = "\u00a0\u202f\u2007\u2009"
+_GAP = re.compile(f"(?<=[0-9])[{_BLANKS}\u2019](?=[0-9]{{3}}(?![0-9]))")
+_PLAIN = str.maketrans(f"\u2212\u2011\u2012\uff0d{_BLANKS}\uff1a", "----    :", "\ufeff")
 
 
 def plain(text: str) -> str:

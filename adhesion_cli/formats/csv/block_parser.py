@@ -109,16 +109,11 @@ class Parser:
             is_bad = np.asarray(pc.fill_null(bad, False))
             value, state = numbers[i]
             value[is_bad], state[is_bad] = np.nan, IS_BAD
-        return ParsedBlock(
-            block,
-            times,
-            timed,
-            {i: value for i, (value, _) in numbers.items()},
-            {i: state for i, (_, state) in numbers.items() if state.any()},
-            {i: columns[i] for i in self.texts},
-            lines,
-            self._classified(block, faults) | {"other group": lines[absent]},
-        )
+        values = {i: value for i, (value, _) in numbers.items()}
+        states = {i: state for i, (_, state) in numbers.items() if state.any()}
+        texts = {i: columns[i] for i in self.texts}
+        dropped = self._classified(block, faults) | {"other group": lines[absent]}
+        return ParsedBlock(block, times, timed, values, states, texts, lines, dropped)
 
     @property
     def _with_unit(self) -> list[int]:
@@ -178,10 +173,8 @@ class Parser:
                 cells[k] = width
         cells[line_ends == starts] = 0
         remaining &= np.repeat(cells == width, line_ends + 1 - starts)
-        regular, narrow, wide_lines = map(
-            np.flatnonzero, (cells == width, cells < width, cells > width)
-        )
-        return text[remaining].tobytes(), regular, narrow, wide_lines
+        regular, narrow, wide = map(np.flatnonzero, (cells == width, cells < width, cells > width))
+        return text[remaining].tobytes(), regular, narrow, wide
 
     def _classified(self, block: LineBlock, faults: dict[str, Rows]) -> dict[str, Rows]:
         """Lines by class, from those that hold no row, by fault: some of them are no data."""

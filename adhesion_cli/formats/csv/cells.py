@@ -51,9 +51,8 @@ def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
         odd_cells = text.take(pa.array(non_finite))
         infinite = np.isinf(value[non_finite]) | _is_any(INFINITE, odd_cells)
         value[non_finite], kinds = _other_notations(odd_cells, decimal)
-        state[non_finite] = np.select(
-            [is_missing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], kinds
-        )
+        kinds[infinite], kinds[is_missing(odd_cells)] = IS_INFINITE, NO_VALUE
+        state[non_finite] = kinds
         value[np.isin(state, (NO_VALUE, IS_INFINITE))] = np.nan
     return value, state
 

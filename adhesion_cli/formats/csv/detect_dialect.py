@@ -12,17 +12,7 @@ from ..number_text import group_mark, is_number, is_plain_number, number_grammar
 from ..source import ReadOptions
 from . import dialect
 from .dialect import TEXT_MARK, Dialect, fit, is_comment, is_null, split, without_brackets
-from .header import (
-    DELIMITERS,
-    REMARKS,
-    FirstRows,
-    Header,
-    column_names,
-    find_header,
-    lines_before,
-    refuse_table_above,
-    refuse_width,
-)
+from .header import DELIMITERS, REMARKS, FirstRows, Header, column_names, find_header, lines_before
 from .header_words import label
 from .lines import Line, encoding_of, first_lines, first_numbers, line_too_long
 from .stamps import CLOCKS, DATES, STAMPS, forms_of, is_stamp
@@ -72,13 +62,20 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     last_name = fit(header.names[-1], width)[-1] if header.names else ""
     # a delimiter at the end of each row makes an empty column
     used_width = width - (width > 2 and not last_name and not any(row[-1] for row in data))
-    refuse_table_above(table, header.top)
+    table.refuse_another(header.top)
     if options.header is not False:
-        refuse_width(table, header, used_width)
+        table.refuse_width(header, used_width)
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
     units, units_reason = _units_row(table, header, labels, used_width)
-    reasons |= _header_reasons(table, header, options, units_reason, leading_lines.get("preamble"))
+    comment = next((m[1] for _, text in lines if (m := dialect.COMMENT.match(text))), "")
+    count = leading_lines.get("preamble")
+    reasons |= {
+        "header": _why_header(table, header, options),
+        "units row": units_reason,
+        "comments": comment and f"lines starting with {comment!r} (seen in the head)",
+        "preamble": f"{count} lines (before the header)" if count else "",
+    }
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
     ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
@@ -86,26 +83,15 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
     removals = _clean(data, units, any(map(_MARKED.search, texts)), proven_mark)
     _refuse_grouped(data, names, decimal, options, path)
-    return Dialect(
-        width,
-        names,
-        tuple(tuple(fit(h, used_width)) for h in header.names),
-        tuple(units),
-        data,
-        encoding,
-        bom,
-        delimiter,
-        decimal,
-        bool(header.names),
-        rows[header.start][0],
-        leading_lines,
-        reasons,
-        removals,
-        labels,
-        any(len(h) > width and h[width].casefold() in REMARKS for h in header.names),
-        tuple(cells[0] for _, cells in rows_above[own_lines:]) if preamble else (),
-        tuple(text.strip() for number, text in lines if number < rows[header.top][0]),
-    )
+    header_cells = tuple(tuple(fit(x, used_width)) for x in header.names)
+    has_remarks = any(len(x) > width and x[width].casefold() in REMARKS for x in header.names)
+    segments = tuple(cells[0] for _, cells in rows_above[own_lines:]) if preamble else ()
+    text_above = tuple(text.strip() for number, text in lines if number < rows[header.top][0])
+    is_headed, first_line = bool(header.names), rows[header.start][0]
+    written = encoding, bom, delimiter, decimal, is_headed, first_line, leading_lines
+    above = removals, labels, has_remarks, segments, text_above
+    said = {name: reason for name, reason in reasons.items() if reason}
+    return Dialect(width, names, header_cells, tuple(units), data, *written, said, *above)
 
 
 def _cells(text: str, delimiter: str, width: int) -> list[str]:
@@ -342,23 +328,6 @@ def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
     number = number_grammar(mark)
     cells = (c for row in rows for c in row[:width])
     return any(mark in c and number.fullmatch(c) and not _GROUPED[mark].fullmatch(c) for c in cells)
-
-
-def _header_reasons(
-    table: FirstRows,
-    header: Header,
-    options: ReadOptions,
-    units_reason: str,
-    preamble_count: int | None,
-) -> dict[str, str]:
-    comment = next((m[1] for _, text in table.lines if (m := dialect.COMMENT.match(text))), "")
-    reasons = {
-        "header": _why_header(table, header, options),
-        "units row": units_reason,
-        "comments": comment and f"lines starting with {comment!r} (seen in the head)",
-        "preamble": f"{preamble_count} lines (before the header)" if preamble_count else "",
-    }
-    return {name: reason for name, reason in reasons.items() if reason}
 
 
 def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:

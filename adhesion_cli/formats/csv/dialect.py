@@ -24,9 +24,8 @@ INFINITE = tuple(
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 
-TEXT_MARK = re.compile(
-    r"""^(?:'|=")([-+.,0-9][^"]*?)["']?$"""
-)  # what makes a cell a text, in Excel
+# What makes a cell a text, in Excel.
+TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*?)["']?$""")
 COMMENT = re.compile(  # also the lines of a drawn table
     r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//|\+?-{3,}\+[-+]*$)"
 )
@@ -94,9 +93,8 @@ class Dialect:
         """Whether a row among the data is a row of the header, or the units row, once more."""
         if cells[0] in self.segments and not self.is_another_header(cells):
             return True
-        return _key(cells[: len(self.names)]) in [
-            _key(row) for row in (*self.header_cells, self.units) if any(row)
-        ]
+        rows = (row for row in (*self.header_cells, self.units) if any(row))
+        return _key(cells[: len(self.names)]) in map(_key, rows)
 
     def is_another_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a header, or a units row, of other columns than ours."""
@@ -130,12 +128,11 @@ def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:
     """
     stamps = {}
     for line in map(uncommented, lines):
-        label_match = re.match(
-            r"([^\d:=]*[^\d:=\s])(?:\s*[:=]\s*|\s+)(.*)", line.rstrip(f" {delimiter}")
-        )
+        line = line.rstrip(f" {delimiter}")
+        match = re.match(r"([^\d:=]*[^\d:=\s])(?:\s*[:=]\s*|\s+)(.*)", line)
         label, *cells = split(line, delimiter) or [""]
         pairs = [(label, " ".join(cells[:2])), *((label, cell) for cell in cells)]
-        pairs[:0] = [(label_match[1], label_match[2])] if label_match else []
+        pairs[:0] = [(match[1], match[2])] if match else []
         for label, text in pairs:
             text = re.sub(r"(?<![:\d+-])[0-9]{1,2}:[0-9]{2}$", r"\g<0>:00", text)
             if is_stamp(text):
@@ -164,11 +161,8 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         line = re.sub(r"[ \t]+", " ", line.strip())
     try:
-        rows = csv.reader(
-            [line] if "\n" not in line else line.splitlines(True),
-            delimiter=delimiter,
-            skipinitialspace=True,
-        )
+        lines = line.splitlines(True) or [""]
+        rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         cells = [c.strip() for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]

@@ -40,6 +40,61 @@ class FirstRows:
         """Cells of the rows from `begin` on that have as many as a data row."""
         return [cells for _, cells in self.rows[begin:] if len(cells) == self.width]
 
+    def refuse_another(self, top: int) -> None:
+        """Refuses rows of another table above the header: two or more, of one width.
+
+        Each begins with a number or a stamp, as do half of its cells, whatever delimits them. Rows
+        that count from 0 or 1 are a list, as of channels, if they have texts or are as few as the
+        columns.
+
+        Raises:
+            UserError: names the first.
+        """
+
+        def form(text: str) -> tuple[str, int, bool] | None:
+            for delimiter in DELIMITERS:
+                cells = [c for c in split(text, delimiter) if not is_null(c)]
+                typed = [is_number(c) or is_stamp(c) for c in cells]
+                if sum(typed) >= max(2, len(typed) / 2) and typed[0]:
+                    return delimiter, len(split(text, delimiter)), all(typed)
+            return None
+
+        line_numbers = {n for n, _ in self.rows[:top]}
+        lines = [line for line in self.lines if line[0] in line_numbers]
+        for row_form, group in groupby(lines, lambda line: form(line[1])):
+            rows = list(group)
+            if row_form is None or len(rows) < 2:
+                continue
+            delimiter, _, has_no_text = row_form
+            firsts = [split(text, delimiter)[0] for _, text in rows]
+            is_list = any(firsts == [str(n + k) for k in range(len(rows))] for n in (0, 1))
+            if not is_list or (has_no_text and len(rows) > self.width):
+                text = f"{self.path}: line {rows[0][0]} and the next ones are rows of "
+                text += f"another table than those below line {self.rows[top][0]}"
+                raise UserError(text, "split the log there, and read each part by itself")
+
+    def refuse_width(self, header: "Header", width: int) -> None:
+        """Refuses a header of another width than the rows.
+
+        Raises:
+            UserError: names both.
+        """
+        named = header.named(self)
+        if not header.names:
+            neighbours = self.rows[max(0, header.top - 2) : header.top]
+            named = [row for row in neighbours if any(map(time_name, row[1]))]
+        for n, cells in named:
+            extra = [c for c in cells[width:] if c and c.casefold() not in REMARKS]
+            if len(cells) < width or extra:
+                text = f"the header (line {n}) names {len(cells)} columns, the rows have {width}"
+                by_number = 'channels.time = {channel = 1, unit = "s"}'
+                raise UserError(
+                    f"{self.path}: {text}",
+                    "correct the header; or export with semicolons if the comma is the decimal "
+                    "mark as well; or read it without a header, and state each channel by number, "
+                    f"as {toml.option('csv.header = false', by_number)}",
+                )
+
 
 @dataclass(slots=True)
 class Header:
@@ -253,68 +308,11 @@ def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:
     return []
 
 
-def refuse_table_above(table: FirstRows, top: int) -> None:
-    """Refuses rows of another table above the header: two or more, of one width.
-
-    Each begins with a number or a stamp, as do half of its cells, whatever delimits them. Rows that
-    count from 0 or 1 are a list, as of channels, if they have texts or are as few as the columns.
-
-    Raises:
-        UserError: names the first.
-    """
-
-    def form(text: str) -> tuple[str, int, bool] | None:
-        for delimiter in DELIMITERS:
-            cells = [c for c in split(text, delimiter) if not is_null(c)]
-            typed = [is_number(c) or is_stamp(c) for c in cells]
-            if sum(typed) >= max(2, len(typed) / 2) and typed[0]:
-                return delimiter, len(split(text, delimiter)), all(typed)
-        return None
-
-    line_numbers = {n for n, _ in table.rows[:top]}
-    lines = [line for line in table.lines if line[0] in line_numbers]
-    for row_form, group in groupby(lines, lambda line: form(line[1])):
-        rows = list(group)
-        if row_form is None or len(rows) < 2:
-            continue
-        delimiter, _, has_no_text = row_form
-        firsts = [split(text, delimiter)[0] for _, text in rows]
-        is_list = any(firsts == [str(n + k) for k in range(len(rows))] for n in (0, 1))
-        if not is_list or (has_no_text and len(rows) > table.width):
-            text = f"{table.path}: line {rows[0][0]} and the next ones are rows of "
-            text += f"another table than those below line {table.rows[top][0]}"
-            raise UserError(text, "split the log there, and read each part by itself")
-
-
-def refuse_width(table: FirstRows, header: Header, width: int) -> None:
-    """Refuses a header of another width than the rows.
-
-    Raises:
-        UserError: names both.
-    """
-    named = header.named(table)
-    if not header.names:
-        neighbours = table.rows[max(0, header.top - 2) : header.top]
-        named = [row for row in neighbours if any(map(time_name, row[1]))]
-    for n, cells in named:
-        extra = [c for c in cells[width:] if c and c.casefold() not in REMARKS]
-        if len(cells) < width or extra:
-            raise UserError(
-                f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
-                f"{width}",
-                "correct the header; or export with semicolons if the comma is the decimal mark as "
-                "well; or read it without a header, and state each channel by number, as "
-                + toml.option("csv.header = false", 'channels.time = {channel = 1, unit = "s"}'),
-            )
-
-
 def column_names(heads: list[list[str]], width: int) -> tuple[str, ...]:
     """Distinct names of the columns."""
     filled = _spread([fit(cells, width) for cells in heads])
-    names = [
-        " ".join(dict.fromkeys(row[i] for row in filled if row[i].strip("-"))) or f"column {i + 1}"
-        for i in range(width)
-    ]
+    titles = [[row[i] for row in filled if row[i].strip("-")] for i in range(width)]
+    names = [" ".join(dict.fromkeys(x)) or f"column {i}" for i, x in enumerate(titles, 1)]
     return tuple(distinct(names))
 
 

@@ -27,6 +27,10 @@ GROUP, SIGNAL, VALUE, UNITS, STATISTICS, TYPES, _QUALITY = (
     frozenset(_VOCABULARY[kind].split())
     for kind in ("group", "signal", "value", "units", "statistics", "types", "quality")
 )
+# Behind the name of a time.
+_REMARK = re.compile(
+    r"(?i)\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-z]{1,4}[-/:.]\D\S*|hh?mm?s\S*|\d+)[\])]$"
+)
 
 
 def normal(text: str) -> str:
@@ -70,11 +74,7 @@ def time_name(header: str) -> tuple[int, str | None] | None:
             text, unit = split[1], named_unit
             break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
-        text = re.sub(
-            r"(?i)\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-z]{1,4}[-/:.]\D\S*|hh?mm?s\S*|\d+)[\])]$",
-            "",
-            text,
-        )
+        text = _REMARK.sub("", text)
     name = normal(text)
     base_name = name.rstrip("0123456789")
     if len(base_name) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures

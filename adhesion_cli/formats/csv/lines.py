@@ -334,10 +334,6 @@ class PackedFile:
         Raises:
             UserError: where it cannot be read.
         """
-        if not self.path.is_file():
-            missing = not self.path.exists()
-            text = f"{self.path}: {'no such file' if missing else 'is not a file'}"
-            raise UserError(text, "check the path")
         try:
             with self.path.open("rb") as file:
                 yield from self._unpacked(file)

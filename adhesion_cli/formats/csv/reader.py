@@ -71,10 +71,7 @@ def open_table(
             clock = find_clock(dialect, options, rows, path)
         except UserError:
             pairs = [] if options.time_channel else find_pairs(dialect, rows, path)
-            tables = [
-                CsvTable(path, options, dialect, clock, table_fields)
-                for clock, table_fields in pairs
-            ]
+            tables = [CsvTable(path, options, dialect, *pair) for pair in pairs]
             if not tables:
                 raise
             first_source, *others = [CsvSource(table, name) for table in tables]
@@ -164,8 +161,8 @@ class CsvSource(Source):
                 if in_column := series.unit or self._dialect.unit_beside(i):
                     unit, source = in_column, "units column"
                 unit_from = source if unit else ""
-                f = Field(channel, "", "", series.group, unit, unit_from, column=i + 1)
-                places[replace(f, signal=series.signal)] = k, i
+                f = Field(channel, "", "", series.group, unit, unit_from, signal=series.signal)
+                places[replace(f, column=i + 1)] = k, i
         return places
 
     def _repeats_time(self, i: int) -> bool:
@@ -209,10 +206,9 @@ class CsvSource(Source):
         self._refuse_time(t)
         self.report(*read.losses.findings(t, earliest(t)))
         if read.lines.damage:
-            spans = (((int(t[-1]) - earliest(t)) / 1e9,) * 2,)
-            values, names = {"line": sum(self.lines.values())}, {"damage": read.lines.damage}
-            damage = Finding("csv-gzip-damaged", "error", spans=spans, values=values, names=names)
-            self.report(damage)
+            spans, names = (((int(t[-1]) - earliest(t)) / 1e9,) * 2,), {"damage": read.lines.damage}
+            values = {"line": sum(self.lines.values())}
+            self.report(Finding("csv-gzip-damaged", "error", "", 0, spans, values, names))
         if read.lines.is_unfinished:
             self.report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells} | set(read.losses.unread)
@@ -248,9 +244,9 @@ class CsvSource(Source):
         for key in keys:
             cells = [" ".join(stamps.get(x, "") for x in key) for stamps in stamped]
             forms = forms_of(cells, STAMPS | CLOCKS)
-            starts, ok = (
-                parse(pa.array(cells), (STAMPS | CLOCKS)[forms[0]]) if forms else (t, t > t)
-            )
+            if not forms:
+                continue
+            starts, ok = parse(pa.array(cells), (STAMPS | CLOCKS)[forms[0]])
             offsets = starts[1:] - starts[0]
             shifts = np.append(0, offsets)[np.searchsorted(rows, np.arange(len(t)), side="right")]
             shifted = np.asarray(t + shifts)

@@ -170,10 +170,8 @@ def _first_group(value: Floats) -> int:
         return 0
     thousands = np.where(has_fraction, 1e3 * numbers, numbers)
     whole_numbers, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
-    if (
-        not 100.0 <= whole_numbers.max(initial=0.0) < 1e3
-        or not 1e3 < parts.min() <= parts.max() < 1e6
-    ):
+    is_group = 1e3 < parts.min() <= parts.max() < 1e6
+    if not is_group or not 100.0 <= whole_numbers.max(initial=0.0) < 1e3:
         return 0
     has_jump = largest_jump(numbers) > largest_jump(thousands)
     is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())

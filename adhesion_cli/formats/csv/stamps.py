@@ -215,9 +215,8 @@ def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
     half_day = pc.utf8_lower(groups.text("p"))
     said = np.asarray(pc.not_equal(half_day, ""))
     ok = ~said | ((hour >= 1) & (hour <= 12))
-    hour = np.where(
-        said, hour % 12 + 12 * np.asarray(pc.is_in(half_day, pa.array(["p", "下", "오후"]))), hour
-    )
+    is_later = np.asarray(pc.is_in(half_day, pa.array(["p", "下", "오후"])))
+    hour = np.where(said, hour % 12 + 12 * is_later, hour)
     ok &= ("y" not in groups.names) | (hour < 24)
     ok &= ("H" not in groups.names) | (minute < 60)
     ok &= ("M" not in groups.names) | (second <= 60)
