@@ -39,19 +39,18 @@ def open_text(
     with text.open(encoding="utf-8", newline="") as file:
         lines = list(islice(file, HEAD + 1))
     names, *rows = csv.reader(lines)
-    dialect = Dialect(
-        len(names),
-        tuple(names),
-        (tuple(names),),
-        tuple(units),
-        rows,
-        first_line=2,
-        unit_source=unit_source,
-    )
+    dialect = dialect_of(tuple(names), tuple(units), rows, unit_source)
     row_count = len(rows) * text.stat().st_size / max(len("".join(lines).encode()), 1)
     options = replace(options, header=None, delimiter=None, decimal=None, encoding=None)
     source = open_table(text, dialect, row_count, options, str(path))
     return as_log(source, kind, path, folder)
+
+
+def dialect_of(
+    names: tuple[str, ...], units: tuple[str, ...], rows: list[list[str]], unit_source: str
+) -> Dialect:
+    """The dialect of a table whose columns are known."""
+    return Dialect(len(names), names, (names,), units, rows, first_line=2, unit_source=unit_source)
 
 
 def as_log(source: CsvSource, kind: str, path: Path, folder: TemporaryDirectory[str]) -> CsvSource:

@@ -38,23 +38,20 @@ _TABLE = {  # columns of a table of frames, by their names
     "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
     "bus": r"bus|ch",
 }
-_TABLE_HEAD = re.compile(
-    "(?im)^"
-    + "".join(rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{_TABLE[x]}))' for x in ("t", "id", "size", "data"))
-)
+_IN_HEAD = (rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{x}))' for name, x in _TABLE.items() if name != "bus")
+_TABLE_HEAD = re.compile("(?im)^" + "".join(_IN_HEAD))
 _DATED = re.compile(r"\d{4}-\d\d-\d\d[ T]")
 _NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
 # What a file begins with that holds frames; the last one is an ASC log without its head.
-BEGINS = re.compile(
-    rb"\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
+BEGINS = (
+    rb"(?ms:\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
     rb"|\s*Chn\s+Identifier\s+Flg\s+DLC"
     rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
     rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
     rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s"
-    rb"|(?:[^\n]*\n){0,9}?(?i:" + _TABLE_HEAD.pattern.removeprefix("(?im)").encode() + b")",
-    re.MULTILINE | re.DOTALL,
+    rb"|(?:[^\n]*\n){0,9}?(?i:" + _TABLE_HEAD.pattern.removeprefix("(?im)").encode() + b"))"
 )
 _BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
 _END_OF_BLOCK = re.compile(r"(?i)\s*end trigger ?block")
@@ -163,12 +160,11 @@ class TextLog:
         """The frame of a line, None for none; a line that should hold one is noted."""
         try:
             frame = self._line_reader(line) if line else None
+            is_lost = frame is None and bool(_CONTROL.search(line))
         except (ValueError, LookupError):
-            frame = None
+            frame, is_lost = None, True
+        if is_lost:
             self._skip(number, line)
-        else:
-            if frame is None and _CONTROL.search(line):
-                self._skip(number, line)
         return frame
 
     def _skip(self, number: int, line: str) -> None:
@@ -185,23 +181,19 @@ class TextLog:
         if len(tokens) < 3 or not (is_fd or tokens[1].isdecimal()):
             return event
         bus = int(tokens[2 if is_fd else 1]) - 1
-        data_tokens = tokens[3 if is_fd else 2 :]
-        if "errorframe" in (token.lower() for token in data_tokens[:2]):
+        parts = tokens[3 if is_fd else 2 :]
+        if "errorframe" in (token.lower() for token in parts[:2]):
             return Frame(t, bus, 0, kind="error")
-        has_direction = len(data_tokens) > 1 and data_tokens[1] in _DIRECTIONS
-        if not has_direction and _EVENTS.match(data_tokens[0]):
+        has_direction = len(parts) > 1 and parts[1] in _DIRECTIONS
+        if not has_direction and _EVENTS.match(parts[0]):
             return event  # a message of such a name has a direction
         if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
-            has_name = not data_tokens[2].isdecimal()
-            text, size, data = (
-                data_tokens[1],
-                int(data_tokens[5 + has_name]),
-                data_tokens[6 + has_name :],
-            )
+            has_name = not parts[2].isdecimal()
+            text, size, data = parts[1], int(parts[5 + has_name]), parts[6 + has_name :]
             is_remote = size == 0
         elif has_direction:  # identifier, direction, d or r, DLC
-            text, data, is_remote = data_tokens[0], data_tokens[4:], data_tokens[2].lower() == "r"
-            size = 0 if is_remote else min(int(data_tokens[3], self._base), 8)
+            text, data, is_remote = parts[0], parts[4:], parts[2].lower() == "r"
+            size = 0 if is_remote else min(int(parts[3], self._base), 8)
         else:
             raise ValueError
         octets, kind = self._bytes(data, size), "remote" if is_remote else "data"
@@ -293,8 +285,8 @@ class TextLog:
         data = data or re.sub(r"^#.", "", cells.get("log", ""))  # of FD: "#" and its flags
         if data.startswith(("R", "remote")):
             return Frame(t, number, identifier, is_extended, b"", "remote")
-        octets = self._bytes(data.split(), int(cells["size"])) if cells.get("size") else None
-        octets = bytes.fromhex(data) if octets is None else octets
+        size = cells.get("size")
+        octets = self._bytes(data.split(), int(size)) if size else bytes.fromhex(data)
         return Frame(t, number, identifier, is_extended, octets)
 
     def _table(self, line: str) -> Frame | None:
@@ -346,12 +338,10 @@ class TextLog:
         t = 3600.0 * int(h) + 60.0 * int(m) + int(s) + int(fraction) / 10.0 ** len(fraction)
         t -= self._first or 0.0
         number = int(identifier, 16 if identifier.startswith("0x") else self._base)
-        is_remote = kind.endswith("r")
-        octets = b"" if is_remote else self._bytes(data, int(size))
+        is_extended, frame_kind = kind.startswith("x"), "remote" if kind.endswith("r") else "data"
+        octets = self._bytes(data, int(size)) if frame_kind == "data" else b""
         t += _DAY if t < -_DAY / 2.0 else 0.0
-        return Frame(
-            t, int(bus) - 1, number, kind.startswith("x"), octets, "remote" if is_remote else "data"
-        )
+        return Frame(t, int(bus) - 1, number, is_extended, octets, frame_kind)
 
     def _busmaster_head(self, line: str) -> None:
         tokens_of_line = line.strip("*").split()
@@ -382,7 +372,5 @@ class TextLog:
 
 
 def _relative(path: Path) -> UserError:
-    return UserError(
-        f"{path}: time stamps are relative to the frame before",
-        "export the log with absolute time stamps",
-    )
+    text = f"{path}: time stamps are relative to the frame before"
+    return UserError(text, "export the log with absolute time stamps")

@@ -45,10 +45,8 @@ class Library:
             UserError: where the library is missing or cannot read the file.
         """
         if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
-            raise UserError(
-                f"{path}: {self.description} needs {' and '.join(missing)}, not installed",
-                installed_by(self.extra),
-            )
+            text = f"{path}: {self.description} needs {' and '.join(missing)}, not installed"
+            raise UserError(text, installed_by(self.extra))
         return TableSource(path, self.kind, options, _Remote(self, path, options))
 
     def call(self, path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -60,14 +58,11 @@ class Library:
         absolute = path.absolute()
         seconds = _SECONDS[0] + _SECONDS[1] * path.stat().st_size
         try:
-            return _child(self.kind).call(
-                _call, self, absolute, function, arguments, seconds=seconds
-            )
+            child = _child(self.kind)
+            return child.call(_call, self, absolute, function, arguments, seconds=seconds)
         except ChildDiedError as error:
-            end = (
-                "does not come to an end" if error.was_late else "crashes or needs too much memory"
-            )
-            raise damaged(path, self.description, f"its reader {end}") from None
+            ends = "crashes or needs too much memory", "does not come to an end"
+            raise damaged(path, self.description, f"its reader {ends[error.was_late]}") from None
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))
             raise

@@ -40,11 +40,9 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
 
     source = open_text("mat", path, write, "", options)
     if other_variables:
-        reason = "they are no vectors of the length that the time has"
-        names = {"groups": ", ".join(other_variables[:6]), "reason": reason}
-        source.findings.append(
-            Finding("group-not-read", "info", "", len(other_variables), names=names)
-        )
+        names = {"reason": "they are no vectors of the length that the time has"}
+        names["groups"], count = ", ".join(other_variables[:6]), len(other_variables)
+        source.findings.append(Finding("group-not-read", "info", "", count, names=names))
     return source
 
 
@@ -62,14 +60,11 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     with path.open("rb") as file:
         version = file.read(10)
     if version == b"MATLAB 7.3":
-        raise UserError(
-            f"{path}: a MATLAB file of version 7.3 (HDF5), which is not read",
-            "save it in MATLAB with the option -v7",
-        )
+        problem = f"{path}: a MATLAB file of version 7.3 (HDF5), which is not read"
+        raise UserError(problem, "save it in MATLAB with the option -v7")
     variables = loadmat(path, simplify_cells=True)
-    arrays = {
-        k: x for name, x in variables.items() if name[:2] != "__" for k, x in _columns(name, x)
-    }
+    own = (pair for pair in variables.items() if pair[0][:2] != "__")
+    arrays = {name: x for variable in own for name, x in _columns(*variable)}
     columns = {name: x for name, x in arrays.items() if x.ndim == 1}
     columns |= _counted(columns)
     lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
@@ -77,19 +72,12 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
     names = [name for name, x in columns.items() if len(x) == length]
     if not length or len(names) < 2:
-        listed_names = (
-            ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
-        )
-        raise UserError(
-            f"{path}: no two variables of numbers have one length (variables: {listed_names})",
-            "save the time and the channels as vectors of one length",
-        )
+        sizes = ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
+        problem = f"{path}: no two variables of numbers have one length (variables: {sizes})"
+        raise UserError(problem, "save the time and the channels as vectors of one length")
     write_table({name: pa.array(columns[name]) for name in names}, text)
-    other_variables = [
-        (name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1
-    ]
-    other_lengths = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
-    return names, other_lengths
+    others = {name: x for name, x in arrays.items() if name not in names and x.size > 1}
+    return names, [f"{name} ({' x '.join(map(str, x.shape))})" for name, x in others.items()]
 
 
 def _counted(columns: dict[str, Any]) -> dict[str, Any]:

@@ -79,10 +79,8 @@ class Reader:
             if problem := self._add(g, group):
                 findings.append(self._not_read(g, problem))
         if not self._places and any(_has_frames(group) for group in self._mdf.groups):
-            raise UserError(
-                f"{path}: the log holds CAN frames; which signals they are, a DBC file says",
-                "state it with --dbc FILE.dbc",
-            )
+            text = f"{path}: the log holds CAN frames; which signals they are, a DBC file says"
+            raise UserError(text, "state it with --dbc FILE.dbc")
         findings += self._settle_units()
         if any(time.is_absolute for time in self._masters.values()) and not self._start:
             zone, self._start = "UTC", YEAR_1990  # no other time can be compared with these
@@ -102,9 +100,7 @@ class Reader:
         numbers = fields(list(map(self._named, self._places)), "channel's unit")
         named = {place: self._named(place) for place in self._words}
         texts = state_fields(named, self._words, dict(zip(self._places, numbers, strict=True)))
-        self.contents = Contents(
-            numbers, self._start, reason, rows, reasons, findings=findings, texts=texts
-        )
+        self.contents = Contents(numbers, self._start, reason, rows, reasons, findings, texts)
 
     def _begin(self) -> tuple[int, str]:
         """Start of the log since 1970 [ns], 0 where the file states none, and its zone."""
@@ -240,9 +236,8 @@ class Reader:
         series, findings = {}, []
         for g in dict.fromkeys(place.group for place in places):
             group_places = list(dict.fromkeys(place for place in places if place.group == g))
-            signals = self._mdf.select(
-                [(None, *place) for place in group_places], raw=True, copy_master=False
-            )
+            channels = [(None, *place) for place in group_places]
+            signals = self._mdf.select(channels, raw=True, copy_master=False)
             t, ok = self._times(g, signals[0].timestamps)
             rows = len(t)
             if rows < self._row_counts[g]:

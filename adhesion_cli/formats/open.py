@@ -16,7 +16,7 @@ from .isolated import Library
 from .memory import Signals
 from .source import ReadOptions, Source
 
-_WORKBOOK = re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0")  # or an archive, or another old document
+_WORKBOOK = rb"PK\x03\x04|\xd0\xcf\x11\xe0"  # or an archive, or another old document
 _HEAD = 512  # bytes that are looked at
 
 
@@ -26,13 +26,13 @@ class Format:
 
     Attributes:
         kind: its name, as results state it.
-        begins: what its files begin with.
+        begins: a pattern of what its files begin with.
         suffixes: of its files; they count where the first bytes are of no other format.
         open: opens one.
     """
 
     kind: str
-    begins: re.Pattern[bytes]
+    begins: bytes
     suffixes: tuple[str, ...]
     open: Callable[[Path, ReadOptions], Source]
 
@@ -52,7 +52,7 @@ _csv = _opener("csv.reader", "open_csv")
 
 def _xlsx(path: Path, options: ReadOptions) -> Source:
     """Text may have the suffix .xls: some instruments export it so."""
-    is_workbook = _WORKBOOK.match(_first_bytes(path))
+    is_workbook = re.match(_WORKBOOK, _first_bytes(path))
     open_log = _opener("xlsx", "open_workbook") if is_workbook else _csv
     return open_log(path, options)
 
@@ -60,6 +60,7 @@ def _xlsx(path: Path, options: ReadOptions) -> Source:
 # What the remedy gives is read: its types are those of ROS 2.
 _TO_MCAP = "make it an MCAP: `pip install rosbags`, then "
 _TO_MCAP += "`rosbags-convert --src {} --dst FOLDER --dst-storage mcap`"
+_FROM_FOLDER = _TO_MCAP.format("FOLDER_OF_THE_BAG")
 _MF4 = Library("mf4", "MDF", ("asammdf",), "mf4")
 _CAN = Library("can", "CAN", ("can", "cantools"), "can")
 
@@ -79,35 +80,24 @@ def _unread(kind: str, begins: bytes, description: str, hint: str, *suffixes: st
     def refuse(path: Path, _: ReadOptions) -> Source:
         raise UserError(f"{path}: {description}, which cannot be read", hint)
 
-    return Format(kind, re.compile(begins), suffixes, refuse)
+    return Format(kind, begins, suffixes, refuse)
 
 
 FORMATS = (
-    Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _opener("mcap.reader", "open_mcap")),
-    Format(
-        "parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _opener("parquet", "open_parquet")
-    ),
+    Format("mcap", rb"\x89MCAP0\r\n", (".mcap",), _opener("mcap.reader", "open_mcap")),
+    Format("parquet", rb"PAR1", (".parquet", ".pq"), _opener("parquet", "open_parquet")),
     Format("xlsx", _WORKBOOK, (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), _xlsx),
-    Format("mf4", re.compile(rb"(MDF|UnFinMF) "), (".mf4", ".mdf"), _mdf),
-    Format(
-        "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
-    ),
-    Format(
-        "can", re.compile(rb"LOGG|" + CAN_TEXT.pattern, CAN_TEXT.flags), (".blf", ".trc"), _CAN.open
-    ),
-    Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _opener("mat", "open_mat")),
+    Format("mf4", rb"(MDF|UnFinMF) ", (".mf4", ".mdf"), _mdf),
+    Format("tdms", rb"TDSm", (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open),
+    Format("can", rb"LOGG|" + CAN_TEXT, (".blf", ".trc"), _CAN.open),
+    Format("mat", rb"MATLAB \d", (".mat",), _opener("mat", "open_mat")),
     # Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md.
     _unread("famos", rb"\|CF,", "an imc FAMOS log", "export it from FAMOS as CSV, MDF 4 or TDMS"),
     _unread(
         "tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS", ".tdx"
     ),
     _unread("rosbag", rb"#ROSBAG", "a ROS 1 bag", _TO_MCAP.format("BAG")),
-    _unread(
-        "rosbag2",
-        rb"SQLite format 3",
-        "an SQLite file, as a ROS 2 bag is",
-        _TO_MCAP.format("FOLDER_OF_THE_BAG"),
-    ),
+    _unread("rosbag2", rb"SQLite format 3", "an SQLite file, as a ROS 2 bag is", _FROM_FOLDER),
     _unread("zstd", rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with `unzstd`"),
     _unread("lfs", rb"version https://git-lfs", "a pointer of Git LFS", "run `git lfs pull`"),
     _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),
@@ -174,7 +164,7 @@ def _format(path: Path) -> Format | None:
     head, suffix = _first_bytes(path), path.suffix.lower()
     if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):  # a text
         head = head.decode("utf-16", "ignore").encode()
-    by_head = (candidate for candidate in FORMATS if candidate.begins.match(head))
+    by_head = (candidate for candidate in FORMATS if re.match(candidate.begins, head))
     by_suffix = (candidate for candidate in FORMATS if suffix in candidate.suffixes)
     return next(by_head, None) or next(by_suffix, None)
 

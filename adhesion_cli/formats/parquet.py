@@ -45,8 +45,12 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     Raises:
         UserError: where the file is damaged or cut off, or no column is a time.
     """
+    import pyarrow.parquet
+
+    limit = min(path.stat().st_size, 1 << 27)  # of the metadata
+    limits = {"thrift_string_size_limit": limit, "thrift_container_size_limit": limit}
     try:
-        file = _open_file(path)
+        file = pyarrow.parquet.ParquetFile(path, page_checksum_verification=True, **limits)
     except _READ_ERRORS as error:
         raise damaged(path, "Parquet", _first_line(error)) from None
     schema, meta = file.schema_arrow, file.metadata
@@ -65,11 +69,8 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
         raise damaged(path, "Parquet", _first_line(error)) from None
     columns, findings = _columns(table)
     titles = distinct([c.title for c in columns])
-    durations = {
-        title
-        for title, c in zip(titles, columns, strict=True)
-        if pa.types.is_duration(c.array.type)
-    }
+    pairs = zip(titles, columns, strict=True)
+    durations = {title for title, c in pairs if pa.types.is_duration(c.array.type)}
 
     def write(text: Path) -> list[str]:
         units_of_columns = [c.unit for c in columns]
@@ -85,11 +86,8 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     if not source.fields:
         raise without_numbers(path, findings)
     source.findings += findings
-    source.reasons |= {
-        "columns": len(schema.names),
-        "row groups": meta.num_row_groups,
-        "written by": meta.created_by or "",
-    }
+    source.reasons |= {"columns": len(schema.names), "row groups": meta.num_row_groups}
+    source.reasons["written by"] = meta.created_by or ""
     return source
 
 
@@ -149,25 +147,9 @@ def _pair(name: str) -> tuple[str, str]:
     if not re.fullmatch(r"\(('[^']*'(, )?)+\)", name):
         return name, ""
     *pieces, last_name = ast.literal_eval(name)
-    unit = (
-        last_name
-        if pieces and (units.unit(last_name) or units.rare_unit(last_name) or not last_name)
-        else ""
-    )
+    is_unit = not last_name or units.unit(last_name) or units.rare_unit(last_name)
+    unit = last_name if pieces and is_unit else ""
     return " ".join(piece for piece in (*pieces, *([] if unit else [last_name])) if piece), unit
-
-
-def _open_file(path: Path) -> Any:
-    """The file, read with all checks; pyarrow's Parquet part is loaded only here."""
-    import pyarrow.parquet
-
-    metadata_limit = min(path.stat().st_size, 1 << 27)  # of the metadata
-    return pyarrow.parquet.ParquetFile(
-        path,
-        page_checksum_verification=True,
-        thrift_string_size_limit=metadata_limit,
-        thrift_container_size_limit=metadata_limit,
-    )
 
 
 def _first_line(error: Exception) -> str:

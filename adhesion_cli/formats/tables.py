@@ -95,10 +95,8 @@ class TableSource(Source):
         """The wanted fields, see `Source`."""
         for f in wanted:
             if f not in self._places:
-                raise UserError(
-                    f"{self.path}: no channel {f.channel!r}",
-                    "`adhesion inspect` lists the channels of a log",
-                )
+                hint = "`adhesion inspect` lists the channels of a log"
+                raise UserError(f"{self.path}: no channel {f.channel!r}", hint)
         series, findings = self._reader.read([self._places[f] for f in wanted])
         axes = {id(x.t): x.t for x in series}
         start = min((time_axis.earliest(t) for t in axes.values() if len(t)), default=0)
@@ -169,16 +167,12 @@ def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
     alike = set().union(*(x for x in groups.values() if len(x) > 1))
     labels = [x.group if x.group in alike else "" for x in named]
     titles = distinct([f"{group}\0{x.name}" for group, x in zip(labels, named, strict=True)])
-    return [
-        Field(
-            title.split("\0", 1)[1],
-            group=group,
-            unit=x.unit,
-            unit_from=unit_from if x.unit else "",
-            folder=x.folder,
-        )
-        for x, group, title in zip(named, labels, titles, strict=True)
-    ]
+    names = (title.split("\0", 1)[1] for title in titles)
+    all_fields = []
+    for x, group, name in zip(named, labels, names, strict=True):
+        source = unit_from if x.unit else ""
+        all_fields.append(Field(name, "", "", group, x.unit, source, folder=x.folder))
+    return all_fields
 
 
 def state_fields(
@@ -190,11 +184,6 @@ def state_fields(
 
     `words` are those in its head. Words may stand for the `numbers` of a place.
     """
-    unread_names = {
-        place: x for place, x in named.items() if place in words and place not in numbers
-    }
-    by_place = {
-        **numbers,
-        **dict(zip(unread_names, fields([*unread_names.values()], ""), strict=True)),
-    }
+    others = {place: x for place, x in named.items() if place not in numbers}
+    by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
     return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]

@@ -14,10 +14,10 @@ from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
 from ..core.time_axis import from_digits
 from . import tables
-from .as_text import HEAD, printable
+from .as_text import HEAD, dialect_of, printable
 from .csv.cells import Clock
-from .csv.dialect import Dialect, fit
-from .csv.header_words import label, time_name, time_unit
+from .csv.dialect import fit
+from .csv.header_words import interval_s, label, time_name, time_unit
 from .csv.time_column import find_clock
 from .number_text import number_of
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
@@ -29,11 +29,9 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of 
 
 # Properties that say what the samples are, and when: of a channel, its group or the file. The
 # others are for people; wf_samples counts the samples of one writing.
-_SAYING = re.compile(
-    r"wf_(increment|start|x)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit|x(channel|relation)$"
-)
-_STEPS = ("interval", "rate")  # labels of properties that say how far samples are apart
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_SAYING = re.compile(rf"wf_(increment|start|x)|{_SCALING.pattern}|x(channel|relation)$")
+_STEPS = ("interval", "rate")  # labels of properties that say how far samples are apart
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
 _KINDS = dict.fromkeys("biuf", "number") | {"O": "text", "V": "time", "M": "time"}  # of numpy
@@ -107,15 +105,10 @@ class Reader:
             "groups": len(self._file.groups()),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
-        self.contents = Contents(
-            fields(list(map(self._named, self._channels)), "channel's unit"),
-            start,
-            self._reason(start),
-            rows,
-            reasons,
-            findings=findings,
-            texts=state_fields({x: self._named(x) for x in self._words}, self._words, {}),
-        )
+        numbers = fields(list(map(self._named, self._channels)), "channel's unit")
+        texts = state_fields({x: self._named(x) for x in self._words}, self._words, {})
+        reason = self._reason(start)
+        self.contents = Contents(numbers, start, reason, rows, reasons, findings, texts)
 
     def _add(self, group: Any) -> None:
         """Adds the channels of a group."""
@@ -249,9 +242,7 @@ class Reader:
         columns = [fit(cells.to_pylist(), longest) for cells in heads.values()]
         rows = [list(row) for row in zip(*columns, strict=True)]
         names = tuple(heads)
-        dialect = Dialect(
-            len(names), names, (names,), channel_units, rows, unit_source="channel's unit"
-        )
+        dialect = dialect_of(names, channel_units, rows, "channel's unit")
         clock = find_clock(dialect, self._options, max(map(len, channels)), self._path)
         axis = _Columns(group, clock, tuple(names[i] for i in clock.columns))
         if clock.may_be_digits:  # all times show it
@@ -378,10 +369,8 @@ def _waves(states: _States) -> _Waves:
         if pieces and pieces[-1][:3] == wave[:3]:
             continue
         if pieces and pieces[-1].increment == wave.increment:
-            previous_piece = pieces[-1]
-            time_shift = (
-                (wave.start - previous_piece.start) / 1e9 + wave.offset - previous_piece.time(row)
-            )
+            last = pieces[-1]
+            time_shift = (wave.start - last.start) / 1e9 + wave.offset - last.time(row)
             if abs(time_shift) < wave.increment / 2.0:
                 continue
         pieces.append(wave)
@@ -407,11 +396,8 @@ def _wave(properties: _Properties) -> _Wave | None:
 def _interval(properties: _Properties) -> float:
     """The time between two samples [s] that a property of any name states; 0 for none."""
     for name, value in properties.items():
-        kind, unit = label(name), units.unit(units.in_name(name)[1])
-        dimension = {"interval": "time", "rate": "pulse rate"}.get(kind or "")
-        number = _number(value) * (unit.factor if unit else 1.0)
-        if dimension and number > 0.0 and (unit is None or unit.dimension == dimension):
-            return number if kind == "interval" else 1.0 / number
+        if step_s := interval_s(label(name), _number(value), [name]):
+            return step_s
     return 0.0
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..core import toml, units
 from ..core.errors import UserError, unknown
-from ..core.finding import Finding
+from ..core.finding import Finding, Severity
 from ..core.text import listed
 from .as_text import as_log
 from .csv.header_words import speaks_of_time, time_name
@@ -146,14 +146,12 @@ def write_text(
             names = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
             hint = f"state the sheet, as {option(book.names[0])}; sheets: {names}"
             raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
-        best = max(
-            sheets, key=lambda x: (x.stated_count, x.is_of_brake, x.is_of_brake and x.is_log)
-        )
+        best = max(sheets, key=lambda x: (x.stated_count, x.is_of_brake * (1 + x.is_log)))
         reason = _OF_BRAKE if best.is_of_brake else _OF_NUMBERS
         reason = _OF_STATED if best.stated_count else reason
         part_names, columns = [best.name], best.columns
         logs = [x for x in sheets if x.is_of_brake and x.is_log]
-        places = [x for x in logs if _is_place(x.name, options)]
+        places = [x for x in logs if options.names_place and options.names_place(x.name)]
         are_places = len(places) > 1 and any(x is best for x in places)
         logs = places if are_places else logs  # without a summary beside them
         if joins and any(x is best for x in logs):
@@ -214,10 +212,6 @@ def _unit_of(head: str) -> units.Unit | None:
     return units.unit(head) or units.unit(units.in_name(head)[1])
 
 
-def _is_place(sheet: str, options: ReadOptions) -> bool:
-    return options.names_place is not None and options.names_place(sheet)
-
-
 def _joined(sheets: Sequence[_Sheet], are_places: bool) -> tuple[list[str], list[_Column]] | None:
     """The names of sheets that are one log, and its columns; None where they are not.
 
@@ -236,7 +230,7 @@ def _joined(sheets: Sequence[_Sheet], are_places: bool) -> tuple[list[str], list
     if is_one_time and (are_places or is_one_log) and all(_shows_pair(times[0], t) for t in times):
         length = max(len(x[0].text) for x in columns)
         side_columns = [
-            _stacked(c, _texts([None] * (length - len(c.text))))
+            _stacked(c, _blanks(length - len(c.text)))
             for name, own_columns in zip((x.name for x in sheets), columns, strict=True)
             for c in (_titled(name, own_columns) if are_places else own_columns)
         ]
@@ -261,11 +255,9 @@ def _titled(title: str, columns: Sequence[_Column]) -> list[_Column]:
     ]
 
 
-def _texts(cells: list[str | None]) -> _Column:
-    no_values = pa.nulls(len(cells), pa.bool_())
-    return _Column(
-        pa.array(cells, pa.string()), no_values.cast(pa.float64()), no_values.fill_null(False)
-    )
+def _blanks(n: int) -> _Column:
+    cells = pa.nulls(n, pa.bool_())
+    return _Column(cells.cast(pa.string()), cells.cast(pa.float64()), cells.fill_null(False))
 
 
 def _stacked(*parts: _Column) -> _Column:
@@ -275,9 +267,8 @@ def _stacked(*parts: _Column) -> _Column:
 def _shows_pair(first: NDArray[np.float64], other_times: NDArray[np.float64]) -> bool:
     """Whether the head of two times shows that they differ, if they do."""
     n = min(len(first), len(other_times), _HEAD_ROWS)
-    return not np.array_equal(first[:n], other_times[:n]) or np.array_equal(
-        first[: len(other_times)], other_times
-    )
+    is_alike = np.array_equal(first[:n], other_times[:n])
+    return not is_alike or np.array_equal(first[: len(other_times)], other_times)
 
 
 def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:
@@ -287,9 +278,8 @@ def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:
     """
     name = channel.strip().casefold()
     texts = (x.strip().casefold() for head in heads for x in (head, units.in_name(head)[0]))
-    return name == f"column {number}" * bool(heads) or any(
-        f" {name}".endswith(f" {x}") for x in texts if x
-    )
+    is_numbered = name == f"column {number}" * bool(heads)
+    return is_numbered or any(f" {name}".endswith(f" {x}") for x in texts if x)
 
 
 def option(name: str) -> str:
@@ -388,9 +378,8 @@ def _cells(column: _Column) -> Any:
     text, number, is_time = column
     is_number = pc.and_(pc.is_valid(number), _matches(text, _NUMBER))
     text_value = pc.cast(pc.if_else(is_number, text, None), pa.float64())
-    is_rounded = pc.and_(
-        is_number, pc.not_equal(pc.fill_null(text_value, 0.0), pc.fill_null(number, 0.0))
-    )
+    differs = pc.not_equal(pc.fill_null(text_value, 0.0), pc.fill_null(number, 0.0))
+    is_rounded = pc.and_(is_number, differs)
     cells = pc.if_else(is_rounded, pc.cast(number, pa.string()), text)
     return pc.if_else(is_time, _times(column), cells) if pc.any(is_time).as_py() else cells
 
@@ -405,9 +394,7 @@ def _times(column: _Column) -> Any:
     us, days = np.asarray(t.fill_null(0)), np.asarray(number.fill_null(0.0))
     has_serial = np.asarray(pc.and_(is_time, pc.is_valid(number)))
     whole_days = np.floor(days)
-    serial = whole_days.astype(np.int64) * _DAY + np.rint((days - whole_days) * _DAY).astype(
-        np.int64
-    )
+    serial = (whole_days * _DAY + np.rint((days - whole_days) * _DAY)).astype(np.int64)
     # the text shows to which of Excel's two date systems the number belongs
     us = np.where(has_serial, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
     day_zero = np.where(us < _DAY_1904 * _DAY, _DAY_1899, _DAY_1904)
@@ -428,12 +415,8 @@ def _quoted(cells: Any) -> Any:
     if pc.any(pc.match_substring_regex(cells, r"[\t\r\n]")).as_py():
         cells = pc.replace_substring_regex(cells, r"[\t\r\n]+", " ")
     has_quote = pc.match_substring(cells, '"')
-    if pc.any(has_quote).as_py():
-        quotes_doubled = pc.replace_substring(cells, '"', '""')
-        cells = pc.if_else(
-            has_quote, pc.binary_join_element_wise('"', quotes_doubled, '"', ""), cells
-        )
-    return cells
+    quoted = pc.binary_join_element_wise('"', pc.replace_substring(cells, '"', '""'), '"', "")
+    return pc.if_else(has_quote, quoted, cells)
 
 
 _LIBRARY = Library("xlsx", "Excel", (), "")
@@ -481,7 +464,6 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
             reason += f" ({sheet_refusal.text.removeprefix(f'{path}: ')})"
         values = {"sheet": names, "reason": reason, "others": listed(others)}
         values["option"] = option(others[0])
-        source.findings.append(
-            Finding("one-sheet-read", "warning" if sheet.is_part else "info", names=values)
-        )
+        severity: Severity = "warning" if sheet.is_part else "info"
+        source.findings.append(Finding("one-sheet-read", severity, names=values))
     return source

@@ -3,6 +3,7 @@
 import re
 import tomllib
 import unicodedata
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -102,6 +103,20 @@ def time_part(header: str) -> str | None:
 def label(cell: str) -> str | None:
     """What a row above a table holds by its first cell: "names", "units", "interval" and so on."""
     return _LABELS.get(normal(re.sub(r"(?<=\w)\s*[\[(].*", "", cell)).strip(":[]"))
+
+
+def interval_s(kind: str | None, number: float, texts: Iterable[str]) -> float:
+    """Seconds between two samples, by the number behind such a label; 0 where it states none.
+
+    `kind` is that of the label, `texts` may state the unit.
+    """
+    units_of_texts = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
+    stated = [unit for unit in units_of_texts if unit]
+    dimension = {"interval": "time", "rate": "pulse rate"}.get(kind or "")
+    if not dimension or number <= 0.0 or any(x.dimension != dimension for x in stated):
+        return 0.0
+    number *= stated[0].factor if stated else 1.0
+    return number if kind == "interval" else 1.0 / number
 
 
 @lru_cache(1 << 10)

@@ -16,9 +16,10 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..number_text import number_of, unit_behind
 from ..source import TAKEN_AS_UTC, ReadOptions
+from . import header_words
 from .cells import COUNTS, GPS, Clock, count_of
 from .dialect import Dialect, is_null, stamps_in
-from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
+from .header_words import NS_PER_UNIT, interval_s, label, speaks_of_time, time_name, time_unit
 from .lines import read_tail
 from .stamps import CLOCKS, DATES, DIGITS, SHORT_STAMPS, STAMPS, as_counted, decided, forms_of, read
 
@@ -201,19 +202,13 @@ class _ClockSearch:
     def counted(self) -> Clock | None:
         """The clock of rows without a time, whose interval or rate stands above the table."""
         labels = self.dialect.labels
-        for kind, dimension in (("interval", "time"), ("rate", "pulse rate")):
+        for kind in ("interval", "rate"):
             cells = [c for c in labels.get(kind, [])[1:] if c]
             if not cells:
                 continue
             suffix = unit_behind(cells[0])
             texts = [suffix, *labels.get("interval_unit", []), *cells[1:], labels[kind][0]]
-            candidates = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts)
-            stated_units = [unit for unit in candidates if unit]
-            if any(unit.dimension != dimension for unit in stated_units):
-                continue
-            factor = stated_units[0].factor if stated_units else 1.0
-            value = (number_of(cells[0].removesuffix(suffix)) or 0.0) * factor
-            step_s = value if kind == "interval" or not value else 1.0 / value
+            step_s = interval_s(kind, number_of(cells[0].removesuffix(suffix)) or 0.0, texts)
             if _STEP_S[0] <= step_s <= _STEP_S[1]:
                 step = round(_S * step_s)
                 reason = f"rows are counted; {step_s:g} s apart by {labels[kind][0]!r}"
@@ -323,7 +318,7 @@ class _ClockSearch:
         """The clock of columns from year to second, or of seconds and a fraction of them."""
         dialect, columns = self.dialect, dict[str, int]()
         for i, name in enumerate(dialect.names):
-            if field := time_part(name):
+            if field := header_words.time_part(name):
                 columns.setdefault(field, i)
         fraction = [field for field in "lNu" if field in columns][:1]
         wholes = ("ymdHMS", "HMS", "S" * len(fraction))
@@ -616,7 +611,7 @@ class _ClockSearch:
 
         It is one where the stamps have no fraction.
         """
-        fields = {time_part(name): i for i, name in enumerate(self.dialect.names)}
+        fields = {header_words.time_part(name): i for i, name in enumerate(self.dialect.names)}
         field = next((p for p in "lNu" if p in fields and fields[p] not in columns), None)
         has_fraction = re.compile(r"[0-9][.,]0*[1-9][0-9]*\D*$").search
         if field is None or any(map(has_fraction, self._joined(columns))):
