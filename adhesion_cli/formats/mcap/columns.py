@@ -153,9 +153,8 @@ class Decoded:
         nodes_by_steps: dict[Steps, list[Any]] = {}
         for steps, shape in self._shapes.items():
             parents = nodes_by_steps[steps[:-1]] if steps else messages
-            nodes = nodes_by_steps[steps] = (
-                self._decoder.children(parents, steps[-1]) if steps else messages
-            )
+            nodes = self._decoder.children(parents, steps[-1]) if steps else messages
+            nodes_by_steps[steps] = nodes
             if isinstance(shape, (dict, list)):
                 for fault, has_fault in self._decoder.faults(nodes, shape, steps, self._shapes):
                     self.note(fault, rows[has_fault])

@@ -236,12 +236,9 @@ def owner_of(trees: Sequence[Tree]) -> Steps:
 
 def _names(element: Tree, array: Tree) -> bool:
     """Whether what stands under `name` in a message names the elements of an array beside it."""
-    return (
-        isinstance(element, list)
-        and isinstance(array, list)
-        and len(element) == len(array)
-        and all(isinstance(name, str) and len(name) <= _LONGEST for name in element)
-    )
+    if not isinstance(element, list) or not isinstance(array, list) or len(element) != len(array):
+        return False
+    return all(isinstance(name, str) and len(name) <= _LONGEST for name in element)
 
 
 def typical(trees: Sequence[Tree]) -> Tree:
@@ -250,9 +247,8 @@ def typical(trees: Sequence[Tree]) -> Tree:
     Keys are those of any message, without very rare ones. An array has its most frequent length
     except 0.
     """
-    shapes = [
-        tuple(len(node) for _, node in nodes(tree) if isinstance(node, list)) for tree in trees
-    ]
+    arrays = ([node for _, node in nodes(tree) if isinstance(node, list)] for tree in trees)
+    shapes = [tuple(map(len, x)) for x in arrays]
     usual = Counter(shapes).most_common(1)[0][0]
     ordered = sorted(range(len(trees)), key=lambda i: shapes[i] != usual)
     return _union([trees[i] for i in ordered], 0)
@@ -270,31 +266,20 @@ def _union(values: Sequence[Tree], depth: int) -> Tree:
         for candidate in values:
             for key, value in candidate.items() if isinstance(candidate, dict) else ():
                 by_key.setdefault(key, []).append(value)
-        return {
-            key: _union(branch, depth + 1)
-            for key, branch in by_key.items()
-            if len(branch) * _RARE >= len(values)
-        }
+        usual = {key: x for key, x in by_key.items() if len(x) * _RARE >= len(values)}
+        return {key: _union(branch, depth + 1) for key, branch in usual.items()}
     if isinstance(example, list):
         arrays = [candidate for candidate in values if isinstance(candidate, list) and candidate]
         often = Counter(map(len, arrays))
         length = max(often, key=lambda n: (often[n], n), default=0)
         indices = range(min(length, LONG_ARRAY + 1))
-        return [
-            _union([candidate[i] for candidate in arrays if i < len(candidate)], depth + 1)
-            for i in indices
-        ]
+        branches = ([array[i] for array in arrays if i < len(array)] for i in indices)
+        return [_union(branch, depth + 1) for branch in branches]
     return example
 
 
-_PLACES: tuple[Steps, ...] = (
-    ("header", "stamp"),
-    ("header", "timestamp"),
-    ("timestamp",),
-    ("stamp",),
-    ("time",),
-    ("ts",),
-)
+_IN_HEADER: tuple[Steps, ...] = (("header", "stamp"), ("header", "timestamp"))
+_PLACES: tuple[Steps, ...] = (*_IN_HEADER, ("timestamp",), ("stamp",), ("time",), ("ts",))
 _SECOND = 10**9
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)

@@ -59,12 +59,9 @@ class ProtobufDecoder(Decoder):
         has_presence = messages[0].DESCRIPTOR.fields_by_name[step].has_presence
         if not has_presence and len(messages) == len(nodes):
             return list(map(attrgetter(step), nodes))
-        return [
-            getattr(node, step)
-            if node is not None and (not has_presence or node.HasField(step))
-            else None
-            for node in nodes
-        ]
+        has_field = (x is not None and (not has_presence or x.HasField(step)) for x in nodes)
+        pairs = zip(nodes, has_field, strict=True)
+        return [getattr(node, step) if is_there else None for node, is_there in pairs]
 
     def faults(
         self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Container[Steps]

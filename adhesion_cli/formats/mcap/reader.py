@@ -49,10 +49,7 @@ def deal(
     owners = Decoded(series.decoder, series.tree, [leaf], None, len(records.start))
     owners.fill(0, records.data, records.start, records.stop)
     words = number_words(owners.words.get(series.owner_at, []), ())
-    number_of = {
-        owner: words.get(owner.strip(), -1) if isinstance(owner, str) else owner
-        for owner in series.owners
-    }
+    number_of = {x: words.get(x.strip(), -1) if isinstance(x, str) else x for x in series.owners}
     numbers = owners.values[0]
     for collector in collectors:
         is_own = numbers == number_of[collector.series.owner]
@@ -169,10 +166,8 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
     source = McapSource(Path(path), options)
     if not source.rows:
         channels = len(source.walk.channels)
-        raise UserError(
-            f"{path}: the log has no messages ({channels} channels are defined)",
-            "check that the logger recorded anything",
-        )
+        text = f"{path}: the log has no messages ({channels} channels are defined)"
+        raise UserError(text, "check that the logger recorded anything")
     return source
 
 
@@ -202,11 +197,8 @@ class McapSource(Source):
         self._series = grouped(walk)
         self.report(*discover(self._series, options, self.owners))
         self.fields = [_field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()]
-        self.texts = [
-            replace(_field(s, p, leaf), words=leaf.words)
-            for s in self._series
-            for p, leaf in s.texts.items()
-        ]
+        texts = ((s, p, leaf) for s in self._series for p, leaf in s.texts.items())
+        self.texts = [replace(_field(*text), words=text[2].words) for text in texts]
         self.reasons = {
             "profile": walk.profile,
             "library": walk.library,
@@ -273,24 +265,18 @@ class McapSource(Source):
             s = by_topic.get((f.channel, f.group))
             leaf = (s.texts if f.words else s.fields).get(f.path) if s else None
             if leaf is None:
-                raise UserError(
-                    f"{self.path}: no field {f.path!r} in {f.channel!r}",
-                    "`adhesion inspect` lists the fields of a log",
-                )
+                hint = "`adhesion inspect` lists the fields of a log"
+                raise UserError(f"{self.path}: no field {f.path!r} in {f.channel!r}", hint)
             leaves.setdefault((f.channel, f.group), {})[leaf] = None
         series = [by_topic[key] for key in leaves]
         if series:
             self._take_clock(series)
         for s in series:
             if self.clock == "header" and s.stamp is None:
-                raise UserError(
-                    f"{self.path}: {s.topic}: messages carry no stamp",
-                    "state another clock, as --set channels.time.source=log (or publish)",
-                )
-        collectors = [
-            Collector(by_topic[key], self.clock, list(chosen), self.walk.times[0])
-            for key, chosen in leaves.items()
-        ]
+                hint = "state another clock, as --set channels.time.source=log (or publish)"
+                raise UserError(f"{self.path}: {s.topic}: messages carry no stamp", hint)
+        start, pairs = self.walk.times[0], ((by_topic[key], [*x]) for key, x in leaves.items())
+        collectors = [Collector(s, self.clock, chosen, start) for s, chosen in pairs]
         self._collect(collectors)
         by_field: dict[tuple[str, str, str, bool], Column] = {}
         for collector in collectors:

@@ -59,9 +59,8 @@ class Content(ReadDataStream):
     def read(self, length: int) -> bytes:
         """The next bytes."""
         if length > self._remaining:
-            raise DamageError(
-                self._offset, f"a field of {length} bytes does not fit into its record"
-            )
+            damage = f"a field of {length} bytes does not fit into its record"
+            raise DamageError(self._offset, damage)
         self._remaining -= length
         return super().read(length)
 
@@ -129,9 +128,8 @@ class LogFile:
         if opcode == 0:
             raise DamageError(offset, "a record of kind 0, which does not exist")
         if length > remaining:
-            raise DamageError(
-                offset, f"a record says it has {length} bytes where {remaining} are left"
-            )
+            damage = f"a record says it has {length} bytes where {remaining} are left"
+            raise DamageError(offset, damage)
         if opcode == Opcode.FOOTER and length != 20:
             raise DamageError(offset, f"a footer of {length} bytes")
         if length > self._max_record and opcode != Opcode.ATTACHMENT:  # those are read in pieces
@@ -273,25 +271,24 @@ class BlockReader:
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()
         packed = content.read(content.read8())
+        offset = block.offset
         if size > self._limit:
             hint = RAISE_LIMIT.format("max_inflated", size)
-            raise DamageError(
-                block.offset, f"a chunk of {size} inflated bytes, limit {self._limit}", hint
-            )
-        self._spend(
-            block.offset, "too many inflated bytes in all for such a file", len(packed) + size
-        )
+            damage = f"a chunk of {size} inflated bytes, limit {self._limit}"
+            raise DamageError(offset, damage, hint)
+        damage = "too many inflated bytes in all for such a file"
+        self._spend(offset, damage, len(packed) + size)
         try:
             data = _INFLATE[compression](packed, size + 1)
         except KeyError:
-            raise DamageError(block.offset, f"unknown compression {compression[:20]!r}") from None
+            raise DamageError(offset, f"unknown compression {compression[:20]!r}") from None
         except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
-            raise DamageError(block.offset, f"chunk does not inflate: {e}") from None
+            raise DamageError(offset, f"chunk does not inflate: {e}") from None
         if len(data) != size:
             excess = "more" if len(data) > size else f"{len(data)}"
-            raise DamageError(block.offset, f"chunk says {size} inflated bytes and has {excess}")
+            raise DamageError(offset, f"chunk says {size} inflated bytes and has {excess}")
         if crc and zlib.crc32(data) != crc:
-            raise DamageError(block.offset, "chunk has another CRC than it says")
+            raise DamageError(offset, "chunk has another CRC than it says")
         self.compressions.add(compression or "none")
         return data
 

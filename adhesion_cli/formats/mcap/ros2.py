@@ -7,21 +7,8 @@ from dataclasses import dataclass
 from .columns import Decoder
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
-_CODES = {  # of struct and numpy
-    "bool": "?",
-    "byte": "B",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
+_TYPES = "bool byte char int8 uint8 int16 uint16 int32 uint32 int64 uint64 float32 float64".split()
+_CODES = dict(zip(_TYPES, "?BBbBhHiIqQfd", strict=True))  # of struct
 _NUMBERS = {  # how to read one of each type, by the byte of the encapsulation that says the order
     mark: {kind: struct.Struct(f"{order}{code}") for kind, code in _CODES.items()}
     for mark, order in enumerate("><")
@@ -173,9 +160,8 @@ class _Message:
         count = member.size or self._length()
         if number := self._number_of.get(member.type):
             begin, length = self._take(number.size, count), min(count, LONG_ARRAY + 1)
-            return list(
-                struct.unpack_from(f"{self._order}{length}{number.format[1:]}", self._raw, begin)
-            )
+            form = f"{self._order}{length}{number.format[1:]}"
+            return list(struct.unpack_from(form, self._raw, begin))
         if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
             raise UndecodableError(f"too many elements in an array of {member.type}")
         return [self._value(member.type) for _ in range(count)][: LONG_ARRAY + 1]

@@ -71,9 +71,8 @@ def grouped(walk: Walk) -> list[Series]:
             (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
             tuple(sorted(pair for pair in channel.metadata.items() if fields.states_unit(pair[0]))),
         )
-        series = by_key.setdefault(
-            key, Series(channel.topic, channel.message_encoding, schema, channel.metadata)
-        )
+        new = Series(channel.topic, channel.message_encoding, schema, channel.metadata)
+        series = by_key.setdefault(key, new)
         series.schema_id = channel.schema_id
         series.ids.append(channel.id)
         series.rows += walk.counts[channel.id]
@@ -90,8 +89,6 @@ def grouped(walk: Walk) -> list[Series]:
 
 
 _Decoders = dict[tuple[str, int], Decoder]  # by encoding and schema
-
-
 Owners = dict[str, tuple[Steps, tuple[Tree, ...]]]  # by topic: where they are named, and who
 
 
@@ -127,22 +124,12 @@ def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, l
     if not 1 < len(trees_of) <= MOST_WORDS:
         return [(s, trees)]
     owners[s.topic] = place, tuple(trees_of)
-    return [
-        (
-            replace(
-                s,
-                owner=owner,
-                owners=tuple(trees_of),
-                owner_at=place,
-                group=f"{s.group} {fields.label_of(place, owner)}".strip(),
-                fields={},
-                texts={},
-            ),
-            its_trees,
-        )
-        for owner, its_trees in trees_of.items()
-        if its_trees
-    ]
+    parts = []
+    for owner, its_trees in trees_of.items():
+        group = f"{s.group} {fields.label_of(place, owner)}".strip()
+        part = replace(s, owner=owner, owners=tuple(trees_of), owner_at=place, group=group)
+        parts += [(replace(part, fields={}, texts={}), its_trees)] if its_trees else []
+    return parts
 
 
 def _look(

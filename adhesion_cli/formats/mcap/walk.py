@@ -33,40 +33,6 @@ _HEADS = 100  # first messages of a channel that are kept, to learn from them wh
 _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is kept
 
 
-class Definitions:
-    """Schemas and channels; each keeps the definition that it had first.
-
-    One may have `limit` bytes.
-    """
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
-
-    def read(self, opcode: int, raw: bytes, offset: int) -> None:
-        """Reads a Schema or Channel record.
-
-        Raises:
-            DamageError: where it is broken, too long, or contradicts an earlier one.
-        """
-        kind = "schema" if opcode == Opcode.SCHEMA else "channel"
-        if len(raw) > self._limit:
-            hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
-            raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
-        definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
-        definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
-        name = definition.name if kind == "schema" else definition.topic
-        if kind == "schema" and definition.id == 0:
-            raise DamageError(offset, "a schema with the reserved id 0")
-        if len(name) > _LONGEST_NAME:
-            raise DamageError(offset, f"a name of {len(name)} characters, limit {_LONGEST_NAME}")
-        if definitions.setdefault(definition.id, definition) != definition:
-            raise DamageError(
-                offset, f"{kind} {definition.id} is defined a second time, differently"
-            )
-
-
 class FirstMessages:
     """The first messages of each channel, from as many blocks as it takes.
 
@@ -117,7 +83,8 @@ class Walk:
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
-        self._definitions = Definitions(options.max_part)
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
         self._first_messages = FirstMessages()
         self._data_end = 0
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
@@ -131,7 +98,6 @@ class Walk:
                 self._compare(*self._statistics)
         self.compressions = self._reader.compressions
         self.heads = self._first_messages.of  # by channel: log time of the first, first messages
-        self.schemas, self.channels = self._definitions.schemas, self._definitions.channels
         #: Messages of channels that the file defines, and of others.
         self.rows = sum(n for channel, n in self.counts.items() if channel in self.channels)
         self.stray = self.counts.total() - self.rows
@@ -238,7 +204,7 @@ class Walk:
         elif opcode == Opcode.DATA_END and is_in_data:
             self._end_of_data(offset, length)
         elif opcode in _DEFINITIONS:
-            self._definitions.read(opcode, self._file.read(offset + HEADER.size, length), offset)
+            self._define(opcode, self._file.read(offset + HEADER.size, length), offset)
         elif opcode == Opcode.HEADER and offset == len(MAGIC):
             header = Header.read(self._file.content(offset, length))
             self.profile, self.library = header.profile, header.library
@@ -279,6 +245,27 @@ class Walk:
         if crc and self._file.crc(0, offset) != crc:
             raise DamageError(offset, "data section has another CRC than it says")
 
+    def _define(self, opcode: int, raw: bytes, offset: int) -> None:
+        """Takes up a schema or channel; each keeps the definition that it had first.
+
+        Raises:
+            DamageError: where it is broken, too long, or contradicts an earlier one.
+        """
+        kind, limit = "schema" if opcode == Opcode.SCHEMA else "channel", self._options.max_part
+        if len(raw) > limit:
+            hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
+            raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {limit}", hint)
+        definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
+        definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
+        name = definition.name if kind == "schema" else definition.topic
+        if kind == "schema" and definition.id == 0:
+            raise DamageError(offset, "a schema with the reserved id 0")
+        if len(name) > _LONGEST_NAME:
+            raise DamageError(offset, f"a name of {len(name)} characters, limit {_LONGEST_NAME}")
+        if definitions.setdefault(definition.id, definition) != definition:
+            damage = f"{kind} {definition.id} is defined a second time, differently"
+            raise DamageError(offset, damage)
+
     # ------------------------------------------------------------------ blocks
 
     def _run(self, offset: int, next_record: int) -> int:
@@ -294,7 +281,7 @@ class Walk:
     def _take(self, block: RecordBlock, records: Records) -> None:
         """Takes up a block's definitions and counts its messages: none if a definition is wrong."""
         for opcode, raw in records.definitions:
-            self._definitions.read(opcode, raw, block.offset)
+            self._define(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
         if len(log := records.log_time):
