@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..channels.log import needed, survey, without_empty
-from ..channels.meaning import name
 from ..core.errors import UserError, as_user_error
 from ..core.finding import Finding, Severity
 from ..core.model import INPUTS, Channel, Log
@@ -115,7 +114,7 @@ def _judge_records(
     try:
         other_meanings = further_meanings(settings)
         chosen, findings = needed(source, settings.mappings, other_meanings)
-        chosen_keys = {(name(m.field), m.field.path, m.axle) for m in chosen}
+        chosen_keys = {(m.field.name, m.field.path, m.axle) for m in chosen}
         meant = tuple(
             c
             for c in log.channels

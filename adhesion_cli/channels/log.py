@@ -13,7 +13,7 @@ from ..core.finding import Finding, Severity, catalogue
 from ..core.model import INPUTS, MOTOR_FORCES, Channel, Column, Log, Meaning, Vehicle
 from ..core.text import listed
 from ..formats.source import TAKEN_AS_UTC, Source
-from .meaning import Mapping, Meant, channel_fields, entry_of, name, understood
+from .meaning import Mapping, Meant, channel_fields, entry_of, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT, NO_NAME, UNCLEAR_VALVE
@@ -93,18 +93,15 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
 
 def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) -> None:
     """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so."""
-    named = {name(m.field) for m in chosen if m.meaning == "brake_pipe"}
+    named = {m.field.name for m in chosen if m.meaning == "brake_pipe"}
     pipes = (c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named)
     needs = {_NEEDED.get(c.meaning) for c in log.channels}
     if (pipe := next(pipes, None)) and "brake" not in needs:
         hint = "log the pressure of a brake cylinder, too"
         if proposal:
             hint = f"if the log has the brake cylinder's, state it, as {proposal}"
-        raise UserError(
-            f"{log.path}: no channel is a brake-cylinder pressure; {pipe.title!r} is a brake "
-            f"pipe's: it {pipe.reason}",
-            hint,
-        )
+        text = f"{log.path}: no channel is a brake-cylinder pressure; {pipe.title!r} is a brake "
+        raise UserError(f"{text}pipe's: it {pipe.reason}", hint)
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
@@ -122,7 +119,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
 
     def as_logged(m: Meant, column: Column, ends: tuple[int, int]) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.
-        place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
+        place = (m.field.name, m.field.path, None, m.axle, m.unit, m.reason)
         return Channel(*place, column, len(column.t), label=m.field.label), []
 
     log = _log(source, list(meant), [], as_logged)
@@ -142,7 +139,8 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
 def _not_copied(source: Source, channels: Sequence[Channel]) -> Iterator[Finding]:
     """What a copy of a log with these channels does not hold, or holds only as a guess."""
     copied = {c.name for c in channels}
-    texts = [*str(source.reasons.get("not numeric", "")).split(", "), *map(name, source.texts)]
+    texts = str(source.reasons.get("not numeric", "")).split(", ")
+    texts += [f.name for f in source.texts]
     if columns := [x for x in dict.fromkeys(texts) if x and x not in copied]:
         names = {"columns": listed(columns)}
         yield Finding("texts-not-copied", "info", "", len(columns), names=names)
@@ -242,18 +240,14 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
         raise _without_unit(m, chosen, path)
     unit = units.stated_unit(m.unit, m.meaning, m.title)
     if unit.dimension in ("pulse rate", "count") and not m.teeth:
-        raise UserError(
-            f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
-            f"state them, as {toml.option(_line(m, chosen, teeth=80))}",
-        )
+        hint = f"state them, as {toml.option(_line(m, chosen, teeth=80))}"
+        text = f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown"
+        raise UserError(text, hint)
     full_force_known = bool(m.mapping and m.mapping.full_force)
     if unit.dimension == "ratio" and m.meaning in MOTOR_FORCES and not full_force_known:
-        line = f"channels.{m.meaning}.full_force = 60000"
-        raise UserError(
-            f"{path}: channel {m.title!r} is a share ({m.unit}), the force of 100 % is unknown",
-            f"state it in N, as {toml.option(line)}",
-            code=2,
-        )
+        hint = f"state it in N, as {toml.option(f'channels.{m.meaning}.full_force = 60000')}"
+        text = f"{path}: channel {m.title!r} is a share ({m.unit}), the force of 100 % is unknown"
+        raise UserError(text, hint, code=2)
 
 
 def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
@@ -288,10 +282,9 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
         statement = {k: v for k, v in entry_of(m.field, unit=m.unit).items() if v}
         entries[f"bogie {i + 1}"] = {**statement, "axles": own_axles}
     titles = ", ".join(repr(m.title) for m in pressures[:8])
-    return UserError(
-        f"{path}: which axles these pressures serve is not known: {titles}",
-        f"state the axles of each, as {toml.option(f'channels.pressure = {toml.value(entries)}')}",
-    )
+    option = toml.option(f"channels.pressure = {toml.value(entries)}")
+    text = f"{path}: which axles these pressures serve is not known: {titles}"
+    return UserError(text, f"state the axles of each, as {option}")
 
 
 def _unknown_units(m: Meant) -> list[str]:

@@ -474,14 +474,9 @@ def _as_option(m: Meant) -> str:
     return toml.option(f"channels.{_key(str(m.meaning), m.axle)} = {toml.table(entry_of(m.field))}")
 
 
-def name(field: Field) -> str:
-    """The topic or column header, and the device in a long layout."""
-    return f"{field.channel} ({field.group})" if field.group else field.channel
-
-
 def title(field: Field) -> str:
     """A field's name for people: topic and place, or the column header."""
-    return f"{name(field)} {field.path}".strip()
+    return f"{field.name} {field.path}".strip()
 
 
 def channel_fields(fields: Sequence[Field], m: Mapping) -> list[Field]:

@@ -55,10 +55,8 @@ def judge(
         if motion:
             pressure = motion.times.interpolate(c)
             has_value = np.isfinite(pressure)
-            briefly_rolling, rolling, slowing = (
-                pressure[mask & has_value]
-                for mask in (motion.rolls, _long_runs(motion.rolls), motion.slows)
-            )
+            masks = motion.rolls, _long_runs(motion.rolls), motion.slows
+            briefly_rolling, rolling, slowing = (pressure[x & has_value] for x in masks)
         if _is_brake_pipe(rolling, slowing):
             level = float(np.median(rolling))
             reason = f"stands at {level / 1e5:.1f} bar while the train rolls, falls as it slows"

@@ -11,7 +11,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import Bools, Channel, Column, Floats, Parameter, Times, Vehicle
 from ..core.time_axis import TimeAxis
-from .meaning import Meant, entry_of, name
+from .meaning import Meant, entry_of
 
 # Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25, and
 # 255.996, which is 65535/256 of J1939.
@@ -147,7 +147,7 @@ def channel(
     place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
     row_of = (place, m.field.group)
     is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
-    origin = (name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason)
+    origin = (m.field.name, m.field.path, m.meaning, m.axle, m.unit, m.reason)
     faults = (axis.gaps, axis.duplicates, axis.backward, row_of)
     si_channel = Channel(*origin, data, samples, starts, axis.gap_ns, step, rate, *faults, is_rate)
     si_channel = replace(si_channel, label=m.field.label, period_step=tick, delay=m.delay)

@@ -51,11 +51,9 @@ class _Database:
                     )
         self._by_id = {key: message for key, (message, _) in origins.items()}
         self._by_name = {m.name: key for key, m in self._by_id.items()}
-        self._by_group = {
-            _parameter_group(number): m
-            for (number, is_extended), m in self._by_id.items()
-            if m.protocol == "j1939" and is_extended
-        }
+        extended = ((number, m) for (number, is_long), m in self._by_id.items() if is_long)
+        j1939 = ((number, m) for number, m in extended if m.protocol == "j1939")
+        self._by_group = {_parameter_group(number): m for number, m in j1939}
 
     def __len__(self) -> int:
         return len(self._by_id)
@@ -118,10 +116,8 @@ class Reader:
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         if not options.dbc:
-            raise UserError(
-                f"{path}: a CAN log holds frames; which signals they are, a DBC file says",
-                "state it with --dbc FILE.dbc",
-            )
+            text = f"{path}: a CAN log holds frames; which signals they are, a DBC file says"
+            raise UserError(text, "state it with --dbc FILE.dbc")
         self._path = path
         database = _Database(options.dbc)
         self._frames: dict[_Key, _Frames] = {}
@@ -132,12 +128,9 @@ class Reader:
         keys = [key for key, frames in self._frames.items() if len(frames.t)]
         if not keys:
             raise self._nothing(database, problems)
-        self._signals = [
-            _CanSignal(key, message, signal)
-            for key in sorted(keys)
-            for message in [database.message(key.identifier, key.extended)]
-            for signal in message.signals
-        ]
+        messages = {key: database.message(key.identifier, key.extended) for key in sorted(keys)}
+        pairs = ((key, x, signal) for key, x in messages.items() for signal in x.signals)
+        self._signals = [_CanSignal(*signal) for signal in pairs]
         rows = sum(len(self._frames[key].t) for key in keys)
         reasons = {
             "dbc": ", ".join(Path(name).name for name in options.dbc),
@@ -156,15 +149,12 @@ class Reader:
                 finding = Finding(code, "warning", count=len(times))
                 events.append((finding, _ticks(np.array(times), self._start)))
         numbers = self._fields()
-        texts = {
-            x: replace(number, words=words)
-            for x, number in zip(self._signals, numbers, strict=True)
-            if (words := distinct_words(_words(x.signal)))
-        }
+        words = {x: distinct_words(_words(x.signal)) for x in self._signals}
+        number_of = zip(self._signals, numbers, strict=True)
+        texts = {x: replace(number, words=words[x]) for x, number in number_of if words[x]}
         self._all_signals = [*self._signals, *texts]
-        self.contents = Contents(
-            numbers, self._start, time_reason, rows, reasons, findings, [*texts.values()], events
-        )
+        contents = numbers, self._start, time_reason, rows, reasons, findings
+        self.contents = Contents(*contents, [*texts.values()], events)
 
     def _read(self, database: _Database, problems: Problems) -> None:
         frames, begin = _open_frames(self._path, problems)
@@ -193,9 +183,8 @@ class Reader:
             )
         if damage := problems.damage or "".join(f"line {n}" for n in problems.lines[:1]):
             raise ValueError(damage)
-        return UserError(
-            f"{self._path}: the log has no frames", "check that the logger recorded anything"
-        )
+        hint = "check that the logger recorded anything"
+        return UserError(f"{self._path}: the log has no frames", hint)
 
     @property
     def _unknown_ids(self) -> str:

@@ -145,11 +145,6 @@ def _frame(body: bytes, kind: int, t: float) -> Frame | None:
         data = body[40 : max(extra - 32, 40) if extra else None].ljust(size, b"\0")
     else:
         return None
-    return Frame(
-        t,
-        channel - 1,
-        identifier & 0x1FFFFFFF,
-        bool(identifier & 0x80000000),
-        data[:size],
-        "remote" if is_remote else "data",
-    )
+    number, is_extended = identifier & 0x1FFFFFFF, bool(identifier & 0x80000000)
+    frame_kind = "remote" if is_remote else "data"
+    return Frame(t, channel - 1, number, is_extended, data[:size], frame_kind)

@@ -102,10 +102,8 @@ class TextLog:
         if self._form:
             return self._one_a_line
         if _WITHOUT_TIME.match(head):
-            raise UserError(
-                f"{self._path}: frames of candump without time stamps",
-                "log them with `candump -l`, or show the time with `candump -t a`",
-            )
+            hint = "log them with `candump -l`, or show the time with `candump -t a`"
+            raise UserError(f"{self._path}: frames of candump without time stamps", hint)
         return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
 
     def __iter__(self) -> Iterator[Frame]:
@@ -252,10 +250,8 @@ class TextLog:
             version = value.strip()
             self._columns = [*_TRC_COLUMNS.get(version, "")]
             if version not in (*_TRC_COLUMNS, "2.0", "2.1"):
-                raise UserError(
-                    f"{self._path}: TRC files of version {version} are not read",
-                    "export the log as version 1.1, 1.3, 2.0 or 2.1",
-                )
+                hint = "export the log as version 1.1, 1.3, 2.0 or 2.1"
+                raise UserError(f"{self._path}: TRC files of version {version} are not read", hint)
         elif key == "$STARTTIME":
             self.start = (float(value) - 25_569.0) * _DAY
         elif key == "$COLUMNS":

@@ -22,18 +22,11 @@ _HEAD = 512  # bytes that are looked at
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format of logs.
+    """A format of logs."""
 
-    Attributes:
-        kind: its name, as results state it.
-        begins: a pattern of what its files begin with.
-        suffixes: of its files; they count where the first bytes are of no other format.
-        open: opens one.
-    """
-
-    kind: str
-    begins: bytes
-    suffixes: tuple[str, ...]
+    kind: str  # its name, as results state it
+    begins: bytes  # a pattern of what its files begin with
+    suffixes: tuple[str, ...]  # they count where the first bytes are of no other format
     open: Callable[[Path, ReadOptions], Source]
 
 

@@ -41,6 +41,11 @@ class Field:
     words: tuple[str, ...] = ()  # of a column of words: those in the head of the log
     column: int = 0  # its number in a table, from 1
 
+    @property
+    def name(self) -> str:
+        """The topic or column header, and the device in a long layout."""
+        return f"{self.channel} ({self.group})" if self.group else self.channel
+
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
@@ -124,36 +129,22 @@ def numbered(texts: Any, words: list[str]) -> Floats:
 
 
 class Source:
-    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values.
+    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
 
-    Attributes:
-        path: of the log.
-        format: "csv", "mcap", "parquet", "xlsx", "mf4", "tdms", "can".
-        absolute: whether time stamps count from 1970.
-        rows: rows or messages in the log; final after `columns`.
-        time_reason: which clock was taken, and why.
-        fields: every scalar series that it can give.
-        texts: series of words, which may be states.
-        findings: about it; they grow while reading.
-        metadata: MCAP metadata records, by name.
-        account: what an MCAP has lost, which what is made of it must say as well; "" for nothing.
-        reasons: decisions and why, for `inspect`.
-    """
-
-    format: str
-    absolute: bool
-    rows: int
-    time_reason: str
-    fields: Sequence[Field]
-    texts: Sequence[Field] = ()
+    format: str  # "csv", "mcap", "parquet", "xlsx", "mf4", "tdms", "can"
+    absolute: bool  # whether time stamps count from 1970
+    rows: int  # or messages in the log; final after `columns`
+    time_reason: str  # which clock was taken, and why
+    fields: Sequence[Field]  # every scalar series that it can give
+    texts: Sequence[Field] = ()  # series of words, which may be states
     remedy = "read without --strict to leave these samples out"  # of a refusal with --strict
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self.options = path, options
-        self.findings: list[Finding] = []
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.account = ""
-        self.reasons: dict[str, object] = {}
+        self.findings: list[Finding] = []  # they grow while reading
+        self.metadata: dict[str, dict[str, str]] = {}  # MCAP metadata records, by name
+        self.account = ""  # what an MCAP has lost, which what is made of it must say as well
+        self.reasons: dict[str, object] = {}  # decisions and why, for `inspect`
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, in that order, samples in the log's own order, time untouched.

@@ -119,11 +119,9 @@ def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable
     if not count:
         return
     spans = spans_of_mask(mask, t, start)
-    name = f"{f.channel} ({f.group})" if f.group else f.channel
-    severity = MASKS[code]
-    if severity == "warning" and count == len(mask):
-        severity = "info"  # it was never measured: nothing is lost
-    yield Finding(code, severity, name, count, spans, {"samples": len(mask)})
+    # what was never measured is no loss
+    severity = MASKS[code] if count < len(mask) else "info"
+    yield Finding(code, severity, f.name, count, spans, {"samples": len(mask)})
 
 
 def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:

@@ -247,12 +247,10 @@ def _titled(title: str, columns: Sequence[_Column]) -> list[_Column]:
     """The columns with a title before the name of each that is no time, in the row of its name."""
     heads = [[x or "" for x in c.text.slice(0, _HEAD_ROWS).to_pylist()] for c in columns]
     row = next(k for k, x in enumerate(zip(*heads, strict=True)) if any(map(time_name, x)))
-    return [
-        c
-        if time_name(cells[row])
-        else c._replace(text=_with(c.text, {row: f"{title} {cells[row]}"}))
-        for c, cells in zip(columns, heads, strict=True)
-    ]
+    names = [cells[row] for cells in heads]
+    titles = [{} if time_name(x) else {row: f"{title} {x}"} for x in names]
+    pairs = zip(columns, titles, strict=True)
+    return [c._replace(text=_with(c.text, title_cells)) for c, title_cells in pairs]
 
 
 def _blanks(n: int) -> _Column:

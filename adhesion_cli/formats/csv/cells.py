@@ -112,17 +112,11 @@ _GPS_S = 315_964_800 - 18  # of 1970 to 1980-01-06, and leap seconds since 2017
 
 
 class Count(NamedTuple):
-    """What the numbers of a time column count.
+    """What the numbers of a time column count."""
 
-    Attributes:
-        ns: length of one.
-        at_1970: the number of 1970-01-01.
-        name: in words; "" for a unit alone, which may count from any day.
-    """
-
-    ns: int
-    at_1970: float = 0
-    name: str = ""
+    ns: int  # length of one
+    at_1970: float = 0  # the number of 1970-01-01
+    name: str = ""  # in words; "" for a unit alone, which may count from any day
 
     @property
     def scale(self) -> int:

@@ -246,13 +246,11 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
             raise UserError(f"{path}: {width} columns, more than {_MAX_COLUMNS}", hint)
         fits = [cells for cells in rows if len(cells) == width]
         other_marks = {*";\t|,"} - {delimiter}
-        worth = sum(
-            1.0 if is_null(c) or is_number(c) or is_stamp(c) else 0.5 * other_marks.isdisjoint(c)
-            for cells in fits
-            for c in cells
-        )
+        all_cells = [c for cells in fits for c in cells]
+        texts = [c for c in all_cells if not (is_null(c) or is_number(c) or is_stamp(c))]
+        worth = len(all_cells) - len(texts) + 0.5 * sum(map(other_marks.isdisjoint, texts))
         share = len(fits) / len(rows)
-        score = worth / sum(map(len, fits)) * share
+        score = worth / len(all_cells) * share
         if delimiter == " " and best and best[2] == "\t" and best[0] > _TABS:
             continue  # blanks stand inside the cells, as between date and time
         if best is None or (round(score, 2), width) > (round(best[0], 2), best[1]):

@@ -9,15 +9,9 @@ from pathlib import Path
 
 from ...core import units
 
-NS_PER_UNIT = {
-    "ns": 1,
-    "us": 1_000,
-    "ms": 1_000_000,
-    "s": 1_000_000_000,
-    "min": 60_000_000_000,
-    "h": 3_600_000_000_000,
-    "d": 86_400_000_000_000,
-}
+_S = 1_000_000_000
+NS_PER_UNIT = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": _S}
+NS_PER_UNIT |= {"min": 60 * _S, "h": 3_600 * _S, "d": 86_400 * _S}
 
 _VOCABULARY = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
 _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in words.split()}

@@ -183,11 +183,8 @@ _BLOCK = 1 << 18  # it stays in a processor's cache; smaller ones make threads w
 MAX_LINE = 16 << 20
 _SHOWN = 100_000  # bytes of a line that are looked at by itself
 # What packed files begin with, and who unpacks them.
-_UNPACKERS: dict[bytes, Any] = {
-    b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file),
-    b"\xfd7zXZ\0": lzma.LZMAFile,
-    b"BZh": bz2.BZ2File,
-}
+_UNPACKERS: dict[bytes, Any] = {b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file)}
+_UNPACKERS |= {b"\xfd7zXZ\0": lzma.LZMAFile, b"BZh": bz2.BZ2File}
 _TAIL = 1 << 14  # bytes that hold the last rows
 
 
@@ -316,17 +313,11 @@ class Lines:
 
 @dataclass(slots=True)
 class PackedFile:
-    """The bytes of a file, unpacked where it is compressed.
-
-    Attributes:
-        path: of the file.
-        is_packed: whether it is compressed; known once blocks are read.
-        damage: what ended it before its end, "" for nothing; known after the last block.
-    """
+    """The bytes of a file, unpacked where it is compressed."""
 
     path: Path
-    is_packed: bool = False
-    damage: str = ""
+    is_packed: bool = False  # known once blocks are read
+    damage: str = ""  # what ended it before its end; known after the last block
 
     def blocks(self) -> Iterator[bytes]:
         """Its bytes in blocks, up to its end or its damage.

@@ -129,14 +129,10 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
         ungrouped = [q for q in group if q != p] + remaining
         if ungrouped and len({tuple(key[q] for q in ungrouped) for key in keys}) == len(keys):
             group.remove(p)
-    series = {
-        key: LongSeries(
-            ", ".join(key[p] for p in group),
-            key[signal] if signal is not None else "",
-            key[unit] if unit is not None else "",
-        )
-        for key in keys
-    }
+    series = {}
+    for key in keys:
+        signal_name, its_unit = ("" if p is None else key[p] for p in (signal, unit))
+        series[key] = LongSeries(", ".join(key[p] for p in group), signal_name, its_unit)
     device = group[0] if group else 0
     column_names = [dialect.names[i] for i in columns]
     names = {"columns": listed(column_names), "titles": listed(x.title for x in series.values())}

@@ -226,14 +226,9 @@ def read_rows(
     wanted: list[Key] | None = None,
     texts: Sequence[int] = (),
 ) -> CsvRows:
-    """One pass over the file.
+    """One pass over the file for columns of numbers and, by `texts`, of words.
 
-    Args:
-        table: how to read it.
-        indices: columns of numbers.
-        keys: columns that separate series.
-        wanted: their cells; None for every series that occurs.
-        texts: columns of words.
+    `keys` are columns that separate series, `wanted` their cells; None for every series.
 
     Raises:
         UserError: where no row has a time, another header stands among the rows, or the file

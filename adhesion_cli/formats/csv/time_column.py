@@ -437,10 +437,7 @@ class _ClockSearch:
     ) -> str:
         """What to do about a time in doubt: a column and a unit with a usual rate, if there is one.
 
-        Args:
-            i: the column; None for the first that rises.
-            values: its first numbers.
-            without: columns that are not it.
+        The column is `i`, with these first values; else the first that rises, `without` some.
         """
         columns = range(len(self.dialect.names)) if i is None else [i]
         for k in (k for k in columns if k not in without):

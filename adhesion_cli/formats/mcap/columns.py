@@ -11,18 +11,8 @@ import numpy as np
 
 from ...core.model import Bools, Floats
 from ..source import number_words
-from .fields import (
-    MAX_NUMBERS,
-    Leaf,
-    Stamp,
-    Steps,
-    Tree,
-    UndecodableError,
-    empty,
-    microseconds,
-    node_at,
-    path,
-)
+from . import fields
+from .fields import MAX_NUMBERS, Leaf, Stamp, Steps, Tree, UndecodableError, node_at, path
 from .records import Offsets
 
 _NUMBERS = {int, float, bool}
@@ -51,11 +41,7 @@ class Decoder(ABC):
         """
 
     def tree(self, message: bytes) -> Tree:
-        """One message as plain values, a schema's absent numbers as their defaults.
-
-        Raises:
-            UndecodableError: as said.
-        """
+        """One message as plain values, as `parse`; absent numbers of a schema as its defaults."""
         return self.parse(message)
 
     def unit(self, steps: Steps) -> tuple[str, str]:
@@ -119,7 +105,7 @@ class Decoded:
             for place in filter(None, (leaf.label_at, leaf.unit_at)):
                 self._said.setdefault(place, []).append(i)
         # Arrays that hold wanted numbers or are empty at first, which keep their length.
-        arrays = [*islice(empty(tree), MAX_NUMBERS)]
+        arrays = [*islice(fields.empty(tree), MAX_NUMBERS)]
         arrays += [x[:k] for x in self.numbers for k, step in enumerate(x) if isinstance(step, int)]
         self._lengths = {steps: len(node_at(tree, steps)) for steps in arrays}
         wanted = *self.numbers, *self._said, *arrays, *decoder.watched(tree)
@@ -175,7 +161,7 @@ class Decoded:
             number_of = number_words(words, filter(None, texts))
             nodes = [number_of.get(text) for text in texts]
         elif steps == self._iso:
-            nodes = list(map(microseconds, nodes))
+            nodes = list(map(fields.microseconds, nodes))
         elif not set(map(type, nodes)) <= _NUMBERS:
             has_fault = [node is not None and type(node) not in _NUMBERS for node in nodes]
             self.note(DecodingFault("mcap-type-change", path(steps)), rows[has_fault])

@@ -15,18 +15,8 @@ from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
 from ...core.errors import UserError
 from ...core.model import RECOVERED
 from ..source import ReadOptions
-from .records import (
-    HEADER,
-    MAGIC,
-    PIECE,
-    RAISE_LIMIT,
-    BlockReader,
-    Content,
-    DamageError,
-    LogFile,
-    RecordBlock,
-    Records,
-)
+from . import records as file_records
+from .records import HEADER, MAGIC, BlockReader, DamageError, LogFile, RecordBlock, Records
 
 _LONGEST_NAME = 4096  # characters of a topic
 _HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
@@ -34,16 +24,12 @@ _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is 
 
 
 class FirstMessages:
-    """The first messages of each channel, from as many blocks as it takes.
-
-    Attributes:
-        of: by channel id the log time of the first one [ns], and the messages.
-        full: channels whose further messages are not kept.
-    """
+    """The first messages of each channel, from as many blocks as it takes."""
 
     def __init__(self) -> None:
+        # By channel id the log time of the first one [ns], and the messages.
         self.of: dict[int, tuple[int, list[bytes]]] = {}
-        self.full: set[int] = set()
+        self.full: set[int] = set()  # channels whose further messages are not kept
 
     def add(self, records: Records) -> None:
         """Keeps messages of a block, of channels that are not full."""
@@ -253,9 +239,10 @@ class Walk:
         """
         kind, limit = "schema" if opcode == Opcode.SCHEMA else "channel", self._options.max_part
         if len(raw) > limit:
-            hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
+            hint = file_records.RAISE_LIMIT.format("max_record", 32 * len(raw))
             raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {limit}", hint)
-        definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
+        content = file_records.Content(raw, offset)
+        definition: Any = (Schema if kind == "schema" else Channel).read(content)
         definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
         name = definition.name if kind == "schema" else definition.topic
         if kind == "schema" and definition.id == 0:
@@ -270,7 +257,7 @@ class Walk:
 
     def _run(self, offset: int, next_record: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
-        size = max(min(PIECE, self._file.size - offset), next_record - offset)
+        size = max(min(file_records.PIECE, self._file.size - offset), next_record - offset)
         block, records = self._reader.run(offset, size)
         try:
             self._take(block, records)
