@@ -26,6 +26,7 @@ _LEAST_RANGE = 0.15  # from rolling freely to braking, else no brake shows [m/sÂ
 _FREE_ROLLING, _SLOWS = 0.1, 0.5  # shares of that range: rolls freely by less, slows by more
 _SHORTEST_RUN = 8  # times: wheels that regain speed in a slide do so for less
 _PIPE = 3e5, 7e5  # pressure of a brake pipe that is not reduced [Pa]
+_HIGHEST_PIPE = 7.7e5  # pressure of a brake pipe, 110 psi in America, with its gauge's error [Pa]
 _LEAST_REDUCTION = 0.25e5  # of a brake pipe [Pa]
 _AIR = 0.85e5, 1.1e5  # pressure of the air, with the error of a sensor [Pa]
 _SURELY_FREE = -0.2  # a train that slows by more may be braked by the lowest pressure [m/sÂ²]
@@ -46,7 +47,7 @@ def judge(
     channels: Sequence[Channel], meant: Sequence[Meant], vehicle: Vehicle
 ) -> tuple[list[Channel], list[Finding]]:
     """The channels, with brake pipes named and the pressure of the air taken off."""
-    judged, findings = list(channels), []
+    judged, findings = [_as_reservoir(c, m) for c, m in zip(channels, meant, strict=True)], []
     pressures = [i for i, c in enumerate(channels) if c.meaning == "pressure" and len(c.data.t)]
     motion = _find_motion(channels, vehicle) if pressures else None
     for i in pressures:
@@ -68,6 +69,17 @@ def judge(
             judged[i], finding = _above_air(c, free_rolling, motion.free_slope if motion else 0.0)
             findings += [finding] if finding else []
     return judged, list(dict.fromkeys(findings))
+
+
+def _as_reservoir(c: Channel, m: Meant) -> Channel:
+    """A channel; where its name says a brake pipe, but no brake pipe is so high, a reservoir's."""
+    if c.meaning != "brake_pipe" or m.mapping or not len(c.data.value):
+        return c
+    level = float(np.median(c.data.value))
+    if level <= _HIGHEST_PIPE:
+        return c
+    reason = f"named a pipe, but stands at {level / 1e5:.1f} bar as a main reservoir pipe does"
+    return replace(c, meaning="reservoir_pressure", reason=reason)
 
 
 def _is_brake_pipe(rolling: Floats, slowing: Floats) -> bool:

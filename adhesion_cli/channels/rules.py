@@ -187,6 +187,19 @@ _WORDS_BY_KIND: dict[str, list[str]] = {  # of each kind, in the order of the fi
     kind: " ".join(of_language.values()).split()
     for kind, of_language in VOCABULARY["kinds"].items()
 }
+_SHORTEST_PLAIN = 4  # letters of a word that may also stand without its marks
+
+
+def _without_marks(word: str) -> str:
+    """A Latin word as people write it without its marks: "wozek" for "wózek"."""
+    letters = unicodedata.normalize("NFKD", word).translate({ord("ł"): "l", ord("ı"): "i"})
+    return "".join(c for c in letters if not unicodedata.combining(c))
+
+
+_KNOWN_WORDS = {word for words in _WORDS_BY_KIND.values() for word in words}
+for _words in _WORDS_BY_KIND.values():
+    _plain_words = (_without_marks(x) for x in _words if len(x) >= _SHORTEST_PLAIN)
+    _words += [x for x in _plain_words if x.isascii() and x not in _KNOWN_WORDS]
 
 
 @lru_cache(1 << 10)  # many rules ask for the same field

@@ -183,7 +183,8 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     fits = _CauseFits(stated, delayed, line, both, counts)
     explanation = _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
     value, sigma = near_fit.posterior().delay
-    if not explanation.pressure_delay.value and abs(value) < EARLY:  # it may be that, or none
+    is_shown = abs(value) < EARLY and sigma < EARLY
+    if not explanation.pressure_delay.value and is_shown:  # it may be that, or none
         unknown = Parameter(0.0, math.hypot(value / math.sqrt(3.0), sigma))
         explanation = explanation._replace(pressure_delay=unknown)
     return explanation

@@ -59,6 +59,16 @@ def test_the_ed_force_of_each_bogie(tmp_path: Path) -> None:
     assert rows["ed_force"].u == pytest.approx(0.05 * rows["ed_force"].value, rel=0.05)
 
 
+def test_an_ed_brake_that_brakes_alone_shows_no_delay_of_the_pressure(tmp_path: Path) -> None:
+    log = blended((119.0,), (1.6,), ed_part=1.0, coasting=1.0)
+    columns = {"ED brake force per axle [kN]": log.ed[0] * 1e-3}
+    path = log.write(tmp_path / "ed.csv", columns)
+    result = run.analyze(path, load({}, [], folder=False), ["td"], [1])
+    (stop,) = stops_of_result(result)
+    assert stop.distance_m is not None
+    assert stop.distance_m.u95 < 0.05 * stop.distance_m.value
+
+
 def test_noise_of_an_ed_force_is_no_traction(tmp_path: Path, even: Blended) -> None:
     noise = np.random.default_rng(2).normal(0.0, 0.05, len(even.t))
     columns = {"ED brake force per axle [kN]": even.ed[0] * 1e-3 + noise}

@@ -775,6 +775,9 @@ def test_names_in_further_languages() -> None:
         ),
         ("wsp_active", "Protismyk|Protišmyk|Układ przeciwpoślizgowy|Csúszásgátló|Glidskydd"),
         ("reservoir_pressure", "Tlak vzduchojemu [bar]|Druk hoofdreservoir [bar]"),
+        ("reservoir_pressure", "Przewód zasilający [bar]|Przewod zasilajacy [bar]"),
+        ("brake_pipe", "Przewód główny [bar]|Przewod_glowny [bar]|vezetek nyomas [bar]"),
+        ("gradient", "Pochylenie [‰]|Sklon [‰]|Lutning [‰]"),
         (None, "Porucha pískování|Sanding fault|Fel sandning|Požadovaný tlak válce [bar]"),
     ],
 )

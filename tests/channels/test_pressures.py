@@ -43,6 +43,18 @@ def test_a_pressure_that_falls_as_the_train_slows_is_a_brake_pipe(rolling: float
     assert finding.values["level_bar"] == pytest.approx(5.0, abs=0.01)
 
 
+def test_a_pipe_that_stands_higher_than_a_brake_pipe_is_a_main_reservoirs() -> None:
+    """It falls slowly, as the brakes take air: no command."""
+    signals = {
+        "pipe 1 [bar]": 9.0 - 0.02 * T, "pipe 2 [bar]": 5.0 - 0.5 * BRAKE,
+        "BC pressure [bar]": BRAKE, "axle 1 [m/s]": speed(BRAKE),
+    }  # fmt: skip
+    named = {c.name: c for c in survey(source(signals), (), Vehicle()).channels}
+    assert named["pipe 1 [bar]"].meaning == "reservoir_pressure"
+    assert "stands at 8.2 bar" in named["pipe 1 [bar]"].reason
+    assert named["pipe 2 [bar]"].meaning == "brake_pipe"
+
+
 def test_a_log_whose_only_pressure_is_a_brake_pipe_is_refused_by_name() -> None:
     signals = {"pressure [bar]": 5.0 - 0.5 * BRAKE, "axle 1 [m/s]": speed(BRAKE)}
     with pytest.raises(UserError, match=r"'pressure \[bar\]' is a brake pipe's") as error:

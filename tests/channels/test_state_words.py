@@ -44,6 +44,8 @@ def state(log: Log, meaning: str) -> Channel:
             [0, 2, 1, 3, 2],
             ("released", "Step1", "Step2", "FULL"),
         ),
+        ("Hamowanie nagłe", "emergency", "NIE NIE TAK", [0, 0, 1], ("NIE", "TAK")),
+        ("Hamowanie nagle", "emergency", "FAŁSZ PRAWDA", [0, 1], ("FAŁSZ", "PRAWDA")),
         ("emergency", "emergency", "off invalid on", [0, 1], ("off", "on")),
         ("emergency", "emergency", "inactive inactive inactive", [0, 0, 0], ("inactive",)),
     ],

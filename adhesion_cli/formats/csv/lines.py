@@ -39,7 +39,8 @@ _JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
 
 # Words for pressure, speed and wheel by which a codec is known, and the first codec that has them.
 _WORDS = {
-    "cp1250": "ciśni prędko koła tlak nyomás presiun",
+    "cp1250": "ciśni prędko koła kołow tlak nyomás presiun",
+    "cp852": "ciśni prędko koła kołow nyomás",
     "cp1251": "давлен скорост тиск швидк ось км/ч",
     "cp866": "давлен скорост",
     "big5": "壓力 速度 時間",

@@ -583,6 +583,8 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
         ),
         ("Time[s],速度[km/h]", "{t:.2f},{k}", "cp932", ["速度[km/h]"]),
         ("Czas[s],Prędkość koła[km/h]", "{t:.2f},{k}", "cp1250", ["Prędkość koła[km/h]"]),
+        ("Czas[s],Zestaw kołowy 1[km/h]", "{t:.2f},{k}", "cp1250", ["Zestaw kołowy 1[km/h]"]),
+        ("Czas[s],Prędkość koła[km/h]", "{t:.2f},{k}", "cp852", ["Prędkość koła[km/h]"]),
         ("Čas [s],Tlak ve válci [bar]", "{t:.2f},{k}", "cp1250", ["Tlak ve válci [bar]"]),
         ("Время [с],ДАВЛЕНИЕ ТЦ [бар]", "{t:.2f},{k}", "cp1251", ["ДАВЛЕНИЕ ТЦ [бар]"]),
         ('"time_s" "p_bar" "v_kmh"', '"{n}" {t:.2f} {k} 70.5', "utf-8", ["p_bar", "v_kmh"]),
