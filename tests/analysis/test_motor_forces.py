@@ -64,7 +64,7 @@ def test_an_ed_brake_that_brakes_alone_shows_no_delay_of_the_pressure(tmp_path: 
     columns = {"ED brake force per axle [kN]": log.ed[0] * 1e-3}
     path = log.write(tmp_path / "ed.csv", columns)
     result = run.analyze(path, load({}, [], folder=False), ["td"], [1])
-    (stop,) = stops_of_result(result)
+    (stop,) = stops_of_result(result, brake_applications(result).values())
     assert stop.distance_m is not None
     assert stop.distance_m.u95 < 0.05 * stop.distance_m.value
 
