@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from ..analysis import settings
-from ..analysis.request import check_request
+from ..analysis import request, settings
 from ..core import toml
 from ..core.errors import UserError, unknown
 from ..core.toml import Table
@@ -86,7 +85,7 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     checked = settings.load(files, tables, strict=strict)
     names = [algos] if isinstance(algos, str) else list(algos)
     chosen = Choices(checked, names, axles_of(axles), _span(span))
-    check_request(checked, chosen.algos, chosen.window)
+    request.check_request(checked, chosen.algos, chosen.window)
     return chosen
 
 

@@ -26,8 +26,7 @@ from ..core.errors import UserError
 from ..core.model import IdentifiedVehicle
 from ..formats.memory import Signals
 from ..formats.open import open_source
-from ..results import atomic_files
-from ..results.log_writer import writer
+from ..results import atomic_files, wide_table
 from ..studies import brake_test as brake_tests
 from ..studies import calibrate as calibration
 from ..studies.named_together import identify_together
@@ -118,8 +117,7 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
     named = logs_of(logs)
     settings_of_logs, _, numbers, window = chosen
-    vehicles = identify_together(named, settings_of_logs, numbers, window)
-    pairs = zip(named, vehicles, strict=True)
+    pairs = zip(named, identify_together(named, settings_of_logs, numbers, window), strict=True)
     return Comparison(tuple(_analyze(log, chosen, identified=vehicle) for log, vehicle in pairs))
 
 
@@ -238,7 +236,7 @@ def convert(
         UserError: where it exists already, the log cannot be read, or the disk refuses.
     """
     path, source = Path(target), log_of(log)
-    write = writer(path)
+    write = wide_table.writer(path)
     checked = choices(settings, sections, (*_OF_LOG, "force"), strict).settings
     inputs = [source] if isinstance(source, Path) else []
     atomic_files.check([path], force, inputs=inputs)

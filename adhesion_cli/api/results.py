@@ -2,8 +2,7 @@
 
 import importlib.util
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,22 +14,11 @@ import numpy as np
 from ..analysis import inspection, outputs
 from ..analysis.slip_of_log import SlipOfLog, carried, slip_document, summarise_slip
 from ..analysis.summarise import brake_applications, summarise
-from ..core import document, physics, toml
+from ..core import document, model, physics, toml
 from ..core.annotated import Json, as_json
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import (
-    AxleResult,
-    Channel,
-    Floats,
-    Log,
-    Quantity,
-    Result,
-    Score,
-    Times,
-    Vehicle,
-    quantities,
-)
+from ..core.model import Floats, Log, Quantity, Result, Score
 from ..core.summary import BrakeApplication, ResultSummary, StopSummary
 from ..core.toml import Table
 from ..rail.rail_under_slides import Summary
@@ -44,7 +32,7 @@ from ..studies import brake_test, calibrate
 from .choices import File, axles_of, in_python
 
 if TYPE_CHECKING:
-    from ..results.report.plot import Plot
+    from ..results.report.plots import Plot
 
 _Rows = Sequence[Mapping[str, str]]
 
@@ -65,7 +53,7 @@ class _Tables(ABC):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found about the data: code, severity, place, values."""
-        return ()
+        return tuple(f for _, group in self._grouped_findings() for f in group)
 
     @in_python
     def to_arrow(self, table: str | None = None) -> Any:
@@ -90,8 +78,7 @@ class _Tables(ABC):
             UserError: where pandas is not installed, and as `to_arrow`.
         """
         if importlib.util.find_spec("pandas") is None:
-            hint = "pip install pandas, or use to_arrow()"
-            raise UserError("pandas is not installed", hint)
+            raise UserError("pandas is not installed", "pip install pandas, or use to_arrow()")
         arrow = self.to_arrow(table)
         frame = arrow.to_pandas()
         units = {f.name: (f.metadata or {}).get(b"unit", b"").decode() for f in arrow.schema}
@@ -111,25 +98,7 @@ class _Tables(ABC):
 
     def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
         """The findings, each group with what stands in front of it."""
-        return [("", self.findings)]
-
-
-class _Axles(dict[int, Any]):
-    """Axles by number; one that is not there is an error with those that are."""
-
-    def __missing__(self, axle: int) -> Any:
-        raise AxleError(axle, list(self))
-
-
-class AxleError(UserError, KeyError):
-    """The error for an axle that was not analysed."""
-
-    def __init__(self, axle: object, analysed: Sequence[int] = ()) -> None:
-        numbers = ", ".join(map(str, analysed))
-        UserError.__init__(self, f"no axle {axle!r} was analysed", f"analysed: {numbers}", 2)
-
-    def __str__(self) -> str:  # KeyError shows a repr
-        return self.text
+        return []
 
 
 _N = Annotated[Floats, Quantity("N", "")]
@@ -171,7 +140,7 @@ class Axle(_Tables):
     method: str
     applications: tuple[BrakeApplication, ...]
     estimators: tuple[Score, ...]
-    time_ns: Annotated[Times, Quantity("ns", "")]
+    time_ns: Annotated[model.Times, Quantity("ns", "")]
     t_s: Annotated[Floats, Quantity("s", "")]
     clamping_force: _N
     wheel_speed: Annotated[Floats, Quantity("rad/s", "")]
@@ -194,10 +163,12 @@ class Axle(_Tables):
     _tables = ("series",)
 
     def _table(self, name: str) -> Any:
-        columns = {n: (getattr(self, n), q.unit) for n, q in quantities(Axle).items()}
+        columns = {n: (getattr(self, n), q.unit) for n, q in model.quantities(Axle).items()}
         columns |= {f"estimate_{n}": (x, "N") for n, x in self.estimates.items()}
         columns |= {f"sigma_{n}": (x, "N") for n, x in self.sigmas.items()}
-        return tables.series({n: column for n, column in columns.items() if column[0] is not None})
+        return tables.columns_table(
+            {n: column for n, column in columns.items() if column[0] is not None}
+        )
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [{"axle": str(self.number)} | result_rows.score_row(s) for s in self.estimators]
@@ -205,31 +176,21 @@ class Axle(_Tables):
         return title, {"Estimators": rows}
 
 
-def _axle(axle: AxleResult, result: Result, braked: tuple[BrakeApplication, ...]) -> Axle:
-    record, ref = axle.record, axle.reference
+def _axle(axle: model.AxleResult, result: Result, braked: tuple[BrakeApplication, ...]) -> Axle:
+    record, reference = axle.record, axle.reference
+    origins: tuple[tuple[object, str], ...] = (
+        (record, "clamping_force wheel_speed pressure train_speed truth"),
+        (reference, "method force sigma lower upper"),
+        (axle, "estimates sigmas slip slope slope_confidence region"),
+    )
     return Axle(
         number=record.axle,
-        method=ref.method,
         applications=braked,
         estimators=axle.scores,
         time_ns=record.t,
         t_s=(record.t - result.log.start_ns()).astype(np.float64) * 1e-9,
-        clamping_force=record.clamping_force,
-        wheel_speed=record.wheel_speed,
-        force=ref.force,
-        sigma=ref.sigma,
-        lower=ref.lower,
-        upper=ref.upper,
-        coefficient=physics.coefficient(ref.force, result.vehicle, record.axle),
-        estimates=axle.estimates,
-        sigmas=axle.sigmas,
-        pressure=record.pressure,
-        train_speed=record.train_speed,
-        slip=axle.slip,
-        slope=axle.slope,
-        slope_confidence=axle.slope_confidence,
-        region=axle.region,
-        truth=record.truth,
+        coefficient=physics.coefficient(reference.force, result.vehicle, record.axle),
+        **{name: getattr(x, name) for x, names in origins for name in names.split()},
     )
 
 
@@ -252,10 +213,8 @@ class Analysis(_Tables):
         """The log as read: its path, format and channels in SI."""
         return self.result.log
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the data: code, severity, place, values."""
-        return self.result.findings
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        return [("", self.result.findings)]
 
     @property
     def settings(self) -> Table:
@@ -266,7 +225,7 @@ class Analysis(_Tables):
     def axles(self) -> Mapping[int, Axle]:
         """Every axle with its time series, by its number."""
         by_number = {a.record.axle: a for a in self.result.axles}
-        return _Axles({n: _axle(a, self.result, self._braked[n]) for n, a in by_number.items()})
+        return {n: _axle(a, self.result, self._braked[n]) for n, a in by_number.items()}
 
     @property
     def applications(self) -> tuple[BrakeApplication, ...]:
@@ -316,7 +275,7 @@ class Analysis(_Tables):
         """
         from ..results import mcap
         from ..results.report import run
-        from ..results.report.plot import Plot  # Bokeh is slow to import
+        from ..results.report.plots import Plot  # Bokeh is slow to import
 
         wanted = axles_of(axles)
         for axle in wanted:
@@ -324,8 +283,7 @@ class Analysis(_Tables):
                 raise unknown("axle", str(axle), [str(n) for n in self._braked])
         with TemporaryDirectory(prefix="adhesion-") as folder:  # a report is that of a result file
             record = Path(folder, "plot.mcap")
-            text = document.embedded([self._summary])
-            mcap.write_results(record, [self.result], text, full=True)
+            mcap.write_results(record, [self.result], document.embedded([self._summary]), full=True)
             return Plot(run.read(record, axles=[*self._braked]), wanted)
 
     @in_python
@@ -345,14 +303,7 @@ class Analysis(_Tables):
         Raises:
             UserError: where they exist already, or the disk refuses.
         """
-        files: tuple[Path, ...] = outputs.pair(Path(folder), self.log.path, "adhesion")
-        if report:
-            files = (*files, files[0].with_suffix(".html"))
-        with _written(files, force, [self.log]) as places:
-            outputs.write_results(places[:2], [self.result], [self._summary])
-            for place in places[2:]:
-                outputs.write_report(place, places[0], files[0].name)
-        return files
+        return _write(Path(folder), "adhesion", [self], [self.result], force, report=report)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         pairs = [(str(a.axle), x) for a in self._summary.axles for x in a.applications]
@@ -382,15 +333,9 @@ class Comparison(_Tables):
         """Scores over all axles of all logs, best first."""
         return pool_scores(a.scores for x in self.analyses for a in x.result.axles)
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the data of all logs."""
-        return tuple(f for analysis in self.analyses for f in analysis.findings)
-
     def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
-        if len(self.analyses) == 1:
-            return [("", self.findings)]
-        return [(f"{analysis.log.path}: ", analysis.findings) for analysis in self.analyses]
+        is_single = len(self.analyses) == 1
+        return [("" if is_single else f"{x.log.path}: ", x.findings) for x in self.analyses]
 
     @property
     def document(self) -> Json:
@@ -407,13 +352,8 @@ class Comparison(_Tables):
         Raises:
             UserError: as there.
         """
-        logs = [analysis.log for analysis in self.analyses]
-        files = outputs.pair(Path(folder), logs[0].path, "compare")
-        with _written(files, force, logs) as places:
-            results = [analysis.result for analysis in self.analyses]
-            summaries = [analysis._summary for analysis in self.analyses]
-            outputs.write_results(places, results, summaries)
-        return files
+        results = [analysis.result for analysis in self.analyses]
+        return _write(Path(folder), "compare", self.analyses, results, force)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         by_target: dict[str, list[dict[str, str]]] = {}
@@ -440,12 +380,10 @@ class SlipAnalysis(_Tables):
     @property
     def axles(self) -> Mapping[int, Summary]:
         """By its number, what the log shows of the rail under each axle."""
-        return _Axles({s.axle: s for s in self._slip.axles})
+        return {s.axle: s for s in self._slip.axles}
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the log and about the rails."""
-        return tuple(self._slip.findings)
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        return [("", self._slip.findings)]
 
     @cached_property
     def document(self) -> Json:
@@ -454,7 +392,10 @@ class SlipAnalysis(_Tables):
 
     def _table(self, name: str) -> Any:
         axles = summarise_slip(self._slip)
-        return tables.slides(axles) if name == "slides" else tables.table(axles, tables.RAILS)
+        if name == "axles":
+            return tables.table(axles, tables.RAILS)
+        slides = (({"log": a.log, "axle": a.axle}, x) for a in axles for x in a.slides)
+        return tables.keyed(slides, tables.SLIDES)
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -463,12 +404,8 @@ class SlipAnalysis(_Tables):
         Raises:
             UserError: as there.
         """
-        log = self.analysis.log
-        files = outputs.pair(Path(folder), log.path, "slip")
-        with _written(files, force, [log]) as places:
-            summaries = [self.analysis._summary]
-            outputs.write_results(places, [self._slip.result], summaries, *carried(self._slip))
-        return files
+        slip = carried(self._slip)
+        return _write(Path(folder), "slip", [self.analysis], [self._slip.result], force, slip)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         axles, log = self._slip.axles, self.analysis.log
@@ -494,14 +431,12 @@ class Inspection(_Tables):
         return self._inspected.log
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[model.Channel, ...]:
         """Every channel with its meaning, its unit and the reason, and its samples."""
         return self.log.channels
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the data."""
-        return tuple(self._inspected.findings)
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        return [("", self._inspected.findings)]
 
     @property
     def document(self) -> Json:
@@ -511,7 +446,8 @@ class Inspection(_Tables):
     def _table(self, name: str) -> Any:
         if name == "channels":
             return tables.table(self._inspected.summary.channels, tables.CHANNELS)
-        return tables.findings_of(self.log, self._inspected.summary.findings)
+        keys = tables.keys_of_log(self.log)
+        return tables.keyed(((keys, f) for f in self._inspected.summary.findings), tables.FINDINGS)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [
@@ -537,10 +473,8 @@ class StopAnalysis(_Tables):
         """The `stops` with log and group, `groups`, `differences`, `limits` and `wsp` figures."""
         return self._test.series
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the data of all logs."""
-        return tuple(finding for _, finding in self._test.findings_by_log)
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        return [("", [finding for _, finding in self._test.findings_by_log])]
 
     @property
     def document(self) -> Json:
@@ -548,7 +482,7 @@ class StopAnalysis(_Tables):
         return brake_test.document(self._test)
 
     def _table(self, name: str) -> Any:
-        return tables.stops_of_series(self.series.stops)
+        return tables.sheets_of_series(self.series)["stops"]
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         shown = stop_rows.series_tables(self.series, braked_weight=False, budget=False)
@@ -571,7 +505,7 @@ class Calibration(_Tables):
         return self._calibration.result.rows
 
     @property
-    def vehicle(self) -> Vehicle:
+    def vehicle(self) -> model.Vehicle:
         """The calibrated vehicle."""
         return self._calibration.settings.vehicle
 
@@ -580,10 +514,8 @@ class Calibration(_Tables):
         """Tables that `analyze(log, settings=...)` takes."""
         return calibrate.as_tables(self._calibration)
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found about the data of all logs."""
-        return self._calibration.findings
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        return [("", self._calibration.findings)]
 
     @property
     def document(self) -> Json:
@@ -591,7 +523,9 @@ class Calibration(_Tables):
         return calibrate.document(self._calibration, {})
 
     def _table(self, name: str) -> Any:
-        return tables.parameters(self.parameters)
+        return tables.keyed(
+            (({"parameter": key}, x) for key, x in self.parameters.items()), tables.PARAMETERS
+        )
 
     @in_python
     def write(self, file: File, *, force: bool = False) -> Path:
@@ -615,12 +549,25 @@ class Calibration(_Tables):
         return title, {"± is 1 sigma": calibrate.as_rows(self._calibration)}
 
 
-@contextmanager
-def _written(files: Sequence[Path], force: bool, logs: Sequence[Log]) -> Iterator[list[Path]]:
-    """Where to write the files of one folder, which get their names when all are written."""
-    inputs = [Path(log.path) for log in logs]
+def _write(  # noqa: PLR0913 (the options of the command)
+    folder: Path,
+    kind: str,
+    analyses: Sequence[Analysis],
+    results: Sequence[Result],
+    force: bool,
+    slip: tuple[str, Sequence[Any]] = ("", ()),
+    report: bool = False,
+) -> tuple[Path, ...]:
+    """Writes record and recording of results, and the page of one; they appear together."""
+    inputs = [Path(analysis.log.path) for analysis in analyses]
+    files: tuple[Path, ...] = outputs.pair(folder, inputs[0], kind)
+    if report:
+        files = (*files, files[0].with_suffix(".html"))
     with (
-        atomic_files.folder(files[0].parent),
+        atomic_files.folder(folder),
         atomic_files.outputs(files, force, inputs=inputs) as places,
     ):
-        yield places
+        outputs.write_results(places[:2], results, [x._summary for x in analyses], *slip)
+        for place in places[2:]:
+            outputs.write_report(place, places[0], files[0].name)
+    return files

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from ..core.errors import UserError
 from ..core.text import printable
-from . import results
-from .options import (
-    ScenarioName,
-    Seed,
-    Shared,
-    check,
-    completes,
-    estimators,
-    inputs,
-    load_settings,
-    option,
-    shared,
-)
+from . import options, results
+from .options import Shared, option, shared
 
 if TYPE_CHECKING:
     from ..core.annotated import Json
@@ -40,16 +29,21 @@ _OF_LOGS = {
 @shared(*_OF_LOGS.values(), "force", "out", "view", "config", "set_", "json")
 def command(
     shared: Shared,
-    scenario: Annotated[str | None, ScenarioName] = None,
+    scenario: Annotated[str | None, options.ScenarioName] = None,
     from_log: Annotated[
         Path | None,
         option("--from-log", "LOG", "Instead of a scenario, the stop and rail of a log."),
     ] = None,
     algo: Annotated[
         str,
-        option("-a --algo", "NAME", "Estimator in the loop; else kalman.", **completes(estimators)),
+        option(
+            "-a --algo",
+            "NAME",
+            "Estimator in the loop; else kalman.",
+            **options.completes(options.estimators),
+        ),
     ] = "kalman",
-    seed: Seed = None,
+    seed: options.Seed = None,
     train_speed: Annotated[
         TrainSpeed | None,
         option("--train-speed", None, "Source of train speed, instead of the scenario's."),
@@ -73,7 +67,7 @@ def command(
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
-    settings: Stated = load_settings(shared).overrides
+    settings: Stated = options.load_settings(shared).overrides
     if scenario:
         stated = {flag: getattr(shared, name) for flag, name in _OF_LOGS.items()}
         idle = [flag for flag, x in stated.items() if x not in (None, []) and x is not False]
@@ -95,7 +89,7 @@ def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:
     from . import terminal
 
     flags = [f"--set {x}" for x in sorted(stated_sections(shared.set_) - set(settings))]
-    if not flags and load_settings(shared).vehicle != Vehicle():
+    if not flags and options.load_settings(shared).vehicle != Vehicle():
         text = "note: [vehicle] has no effect here: the TOML of a scenario states its vehicle"
         terminal.message(text, shared.quiet)
     return flags
@@ -105,23 +99,20 @@ def _on_own_rail(
     shared: Shared, source: Path, case: "Scenario", seed: int | None, algo: str, settings: "Stated"
 ) -> int:
     """The stops of every controller on the scenario's rail."""
-    from ..wsp import closed_loop
+    from ..wsp import closed_loop, documents, wsp_controller
     from ..wsp.controller import registry
-    from ..wsp.documents import antiskid_document
-    from ..wsp.wsp_controller import parameters
     from . import terminal
 
     paths, progress = _paths(shared, case.name), terminal.progress(shared.quiet)
-    check(shared, paths, source)
-    used_parameters = parameters(registry(), algo, settings)
+    options.check(shared, paths, source)
+    used_parameters = wsp_controller.parameters(registry(), algo, settings)
     dry, stops = closed_loop.compare_laws(case, seed, algo, settings, progress)
     verdicts = {law: v._asdict() for law, (_, v) in stops.items()}
     stopped = [stop for stop, _ in stops.values()]
-    document = antiskid_document(stopped[0], case.name, used_parameters, dry, verdicts)
+    document = documents.antiskid_document(stopped[0], case.name, used_parameters, dry, verdicts)
     head = f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}"
     text = f"{head}\n{_verdicts(verdicts)}\n{_MEANING}"
-    outcome = _Outcome(case, settings, stopped, document, text)
-    return _write(paths, shared, source, outcome)
+    return _write(paths, shared, source, _Outcome(case, settings, stopped, document, text))
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
@@ -135,7 +126,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     progress(f"{log.name}: rail under each axle")
     replayed = case(result, train_speed)
-    settings, name = load_settings(shared).overrides, printable(log.name)
+    settings, name = options.load_settings(shared).overrides, printable(log.name)
     count = len(registry()) * (1 + len(replayed.draws))
     terminal.message(f"{name}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, laws = answers(replayed, algo, settings, seed, progress)
@@ -180,26 +171,25 @@ class _Outcome:
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
     from ..analysis.settings import AnalysisSettings, Settings, tree
-    from ..core import estimator
+    from ..core import estimator, physics
     from ..core.document import dumps
-    from ..core.physics import G
     from ..results import atomic_files, mcap, rrd
     from ..wsp import controller
     from ..wsp.documents import stop_settings
     from ..wsp.wsp_controller import bands
     from . import terminal
 
-    estimators, laws = estimator.registry(), controller.registry()
+    methods, laws = estimator.registry(), controller.registry()
     case, stops, metrics = outcome.case, outcome.stops, dumps(outcome.document)
-    weight = case.vehicle.axle_mass.value * G
+    weight = case.vehicle.axle_mass.value * physics.G
     exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
     curve_bands = {"patent": bands(outcome.settings)}
     stated = tree(Settings(case.vehicle, analysis=exact, bands=bands(outcome.settings)), [])
-    read = inputs(shared, source)
+    read = options.inputs(shared, source)
     with atomic_files.outputs(paths, shared.force, inputs=read) as (recording, *places):
         origin: Json = {}
         for record, stop in zip(places, stops, strict=True):
-            sources = estimators[stop.algo].source, laws[stop.controller].source
+            sources = methods[stop.algo].source, laws[stop.controller].source
             carried = stop_settings(
                 stop, case, outcome.settings, stated, outcome.track, **outcome.origin
             )
@@ -211,8 +201,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
         page = rrd.StopsPage(stops, weight, curve_bands, verdict, origin)
         rrd.write_stops(recording, case.name, page)
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]
-    outputs = dict(zip(kinds, map(str, paths), strict=True))
-    document = {**outcome.document, "outputs": outputs}
+    document = {**outcome.document, "outputs": dict(zip(kinds, map(str, paths), strict=True))}
     print(dumps(document) if shared.json else f"{outcome.text}\n{terminal.wrote(*paths)}")
     terminal.show([] if shared.json else outcome.findings, shared.quiet)
     return results.finished(shared, paths[0], outcome.findings)

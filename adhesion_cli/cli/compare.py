@@ -29,8 +29,7 @@ def command(
     from ..analysis.outputs import write_results
     from ..analysis.summarise import summarise
     from ..core.document import dumps, result_document
-    from ..results import atomic_files
-    from ..results.vehicle_text import describe_vehicles, vehicles_of_logs
+    from ..results import atomic_files, vehicle_text
     from ..scores.metrics import pool_scores
     from . import terminal
 
@@ -45,7 +44,7 @@ def command(
     if shared.json:
         print(dumps(result_document(summaries)))
     else:
-        vehicles = describe_vehicles(vehicles_of_logs(summaries))
+        vehicles = vehicle_text.describe_vehicles(vehicle_text.vehicles_of_logs(summaries))
         print("\n".join(map(terminal.folded, vehicles)))
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]

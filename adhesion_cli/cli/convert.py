@@ -25,11 +25,10 @@ def command(
     from ..channels.log import unchanged
     from ..core.document import dumps, findings_document, tagged
     from ..formats.open import open_source
-    from ..results import atomic_files
-    from ..results.log_writer import writer
+    from ..results import atomic_files, wide_table
     from . import terminal
 
-    write = writer(target)
+    write = wide_table.writer(target)
     settings = load_settings(shared)
     check(shared, [target], log)
     result = unchanged(open_source(log, settings.read), settings.mappings)

@@ -5,16 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .options import (
-    Shared,
-    check,
-    completes,
-    controllers,
-    estimators,
-    load_settings,
-    option,
-    shared,
-)
+from . import options
+from .options import Shared, option, shared
 
 
 @shared("config", "set_", "out", "json", "force")
@@ -24,7 +16,7 @@ def command(
         typer.Argument(
             metavar="ALGO",
             help="Estimator, or control law of antiskid.",
-            **completes(lambda: [*estimators(), *controllers()]),
+            **options.completes(lambda: [*options.estimators(), *options.controllers()]),
         ),
     ],
     shared: Shared,
@@ -50,14 +42,14 @@ def command(
 
     folder = shared.out or Path()
     paths = [folder / name for name in files.names(algo)]
-    check(shared, paths)
-    settings = load_settings(shared)
+    options.check(shared, paths)
+    settings = options.load_settings(shared)
     progress = terminal.progress(shared.quiet)
     exported = files.export(algo, settings.overrides, settings.vehicle, axle, not single, progress)
     with atomic_files.outputs(paths, shared.force, inputs=shared.config) as places:
         for place, text in zip(places, exported.texts.values(), strict=True):
             place.write_text(text, encoding="utf-8")
-    unit = "N" if algo in estimators() else "-"
+    unit = "N" if algo in options.estimators() else "-"
     if shared.json:
         kinds = ("header", "source", "test", "makefile", "readme")
         outputs = {kind: str(path) for kind, path in zip(kinds, paths, strict=True)}

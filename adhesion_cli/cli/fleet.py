@@ -61,8 +61,7 @@ def command(  # noqa: PLR0913 (one option each)
         text = "--workers is for processes of this machine, --scheduler for a cluster"
         raise UserError(text, "leave out one of them", code=2)
     from ..core import threads
-    from ..fleet.cluster import Cluster
-    from ..fleet.processes import Processes
+    from ..fleet.workers import Cluster, Processes
 
     count = workers or threads.max_threads
     with closing(Cluster(scheduler) if scheduler else Processes(count)) as pool:
@@ -86,8 +85,7 @@ def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: 
     atomic_files.refuse_url(out)
     job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
     dataset = Dataset(out, job.settings, job.version)
-    progress = terminal.campaign(shared.quiet, len(logs))
-    state = run(logs, job, dataset, pool, shared.force, progress)
+    state = run(logs, job, dataset, pool, shared.force, terminal.campaign(shared.quiet, len(logs)))
     seconds = time.perf_counter() - begin
     if shared.json:
         counts = {"done": state.completed, "skipped": state.skipped, "failed": len(state.failed)}

@@ -94,7 +94,7 @@ def _open_feed(
     source: str, replay: Path | None, speed: float | None, settings: "Settings"
 ) -> "Feed":
     if replay:
-        from ..live.replay import Replay
+        from ..live.open import Replay
 
         return Replay(replay, settings.read, 1.0 if speed is None else speed)
     from ..live.open import open_feed

@@ -194,11 +194,7 @@ def assignments(shared: Shared) -> list[str]:
 
 
 def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
-    """Refuses what could not be written after the work, of all that the run writes.
-
-    Raises:
-        UserError: as `atomic_files.check`; a viewer without display.
-    """
+    """Refuses, by a UserError, what could not be written or shown after the work."""
     from ..results import atomic_files
 
     if shared.view:
@@ -221,22 +217,14 @@ def inputs(shared: Shared, *logs: Path) -> list[Path]:
 
 
 def settings_file(out: Path | None) -> list[Path]:
-    """The TOML that a command writes, if asked for.
-
-    Raises:
-        UserError: it has another suffix.
-    """
+    """The TOML that a command writes, if asked for; a UserError for another suffix."""
     from ..core import toml
 
     return [toml.target(out)] if out else []
 
 
 def check_settings(shared: Shared) -> "Settings":
-    """The settings that these options state, after a check of all that a run is asked for.
-
-    Raises:
-        UserError: for an unknown name, a value out of range.
-    """
+    """The settings that these options state, after a check of all options; raises UserError."""
     from ..analysis.request import check_request
 
     return check_request(load_settings(shared), shared.algo, (shared.from_, shared.to))

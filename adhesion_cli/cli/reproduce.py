@@ -34,8 +34,7 @@ def command(shared: Shared) -> int:
         mcap.write_results(record, study.results, dumps(study.document))
         rrd.write_results(recording, study.results)
     if shared.json:
-        outputs = {path.suffix[1:]: str(path) for path in paths}
-        print(dumps({**study.document, "outputs": outputs}))
+        print(dumps({**study.document, "outputs": {path.suffix[1:]: str(path) for path in paths}}))
     else:
         print("\n\n".join(report(study.document)))
         print(f"\n{wrote(*paths)}")

@@ -32,12 +32,9 @@ def pair(shared: Shared, log: Path, kind: str) -> Pair:
 def analysed(
     shared: Shared, logs: Sequence[Path], paths: Iterable[Path], train_speed: bool = False
 ) -> "list[Result]":
-    """Every log analysed, after a check of options, settings and outputs.
+    """Every log analysed, after a check of options, settings and outputs; raises UserError.
 
     With `train_speed`, a log without one gets a reference speed of its axles.
-
-    Raises:
-        UserError: for what would fail later, and for a log with nothing to analyse.
     """
     analyze = _analyzer(shared, logs, paths, train_speed)
     return [analyze(log) for log in logs]
@@ -48,8 +45,7 @@ def analysed_or_failed(
 ) -> "list[Result | FailedLog]":
     """As `analysed` with a train speed; of several logs, one that fails does not stop the others.
 
-    Raises:
-        UserError: as `analysed`; for a log that fails with --strict; where every log fails.
+    It does, by its error, with --strict, and where every log fails.
     """
     from ..core.summary import FailedLog
     from . import terminal
@@ -88,8 +84,7 @@ def _analyzer(
     window, progress = (shared.from_, shared.to), terminal.progress(shared.quiet)
     if len(logs) > 1:
         progress(f"finding the vehicle of {len(logs)} logs")
-    each_vehicle = identify_together(logs, settings, shared.axle, window)
-    vehicles = dict(zip(logs, each_vehicle, strict=True))
+    vehicles = dict(zip(logs, identify_together(logs, settings, shared.axle, window), strict=True))
     return lambda log: analyze(
         log, settings, shared.algo, shared.axle, window, progress, train_speed, vehicles[log]
     )

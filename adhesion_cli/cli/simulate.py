@@ -28,8 +28,7 @@ def command(
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """
     from ..core.document import dumps, tagged
-    from ..results import atomic_files
-    from ..results.log_writer import writer
+    from ..results import atomic_files, wide_table
     from ..wsp import simulate
     from . import terminal
 
@@ -43,7 +42,7 @@ def command(
     if not scenario or out is None:
         hint = "for example: adhesion simulate service-brake -o brake.csv; --list shows scenarios"
         raise UserError("simulate needs a SCENARIO and -o FILE", hint, code=2)
-    write = writer(out)
+    write = wide_table.writer(out)
     inputs = [Path(scenario)]
     atomic_files.check([out], shared.force, inputs=inputs)
     progress = terminal.progress(shared.quiet)

@@ -7,18 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..core.errors import UserError
-from . import results
-from .options import (
-    LOG_KINDS,
-    GeoJson,
-    Shared,
-    check,
-    inputs,
-    load_settings,
-    option,
-    refuse_page_name,
-    shared,
-)
+from . import options, results
+from .options import Shared, option, shared
 
 if TYPE_CHECKING:
     from ..studies.brake_test import BrakeTest
@@ -31,7 +21,7 @@ _TABLE, _PAGE = "stops.csv", "stops.html"
 def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file each)
     shared: Shared,
     logs: Annotated[
-        list[Path] | None, typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")
+        list[Path] | None, typer.Argument(metavar="LOG", help=f"{options.LOG_KINDS}, or results.")
     ] = None,
     plan: Annotated[
         Path | None, option("--plan", "FILE.toml", "Groups, pairs, limits and texts of the series.")
@@ -46,7 +36,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         Path | None,
         option("--table", "FILE", "Also write the stops: FILE.xlsx, FILE.csv or FILE.parquet."),
     ] = None,
-    geojson: GeoJson = None,
+    geojson: options.GeoJson = None,
     budget: Annotated[
         bool, option("--budget", None, "Show what each source adds to the uncertainty.")
     ] = False,
@@ -68,7 +58,6 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
     from ..core.document import dumps
     from ..results import atomic_files, tables
     from ..results.geojson import as_text, check_name
-    from ..results.report import page
     from ..studies import brake_test
     from ..studies.plan import Plan, planned_logs, read_plan
     from . import terminal
@@ -78,7 +67,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         if plan is None:
             raise UserError("no log", "adhesion stops LOG..., or --plan FILE.toml", code=2)
         logs = planned_logs(stated_plan)
-    refuse_page_name(logs if report else ())
+    options.refuse_page_name(logs if report else ())
     if report and not shared.out:
         raise UserError("--report writes into a folder", "add -o DIR", code=2)
     folder = shared.out or Path()
@@ -88,25 +77,26 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         tables.kind(table)
     if geojson:
         check_name(geojson)
-    check(shared, files, *logs, *([plan] if plan else []))
-    progress = terminal.progress(shared.quiet)
+    options.check(shared, files, *logs, *([plan] if plan else []))
     test = brake_test.run(
         logs,
-        lambda files: load_settings(
+        lambda files: options.load_settings(
             replace(shared, config=[*shared.config, *files]), several_loggers=len(logs) > 1
         ),
         stated_plan,
         shared.axle,
         (shared.from_, shared.to),
-        progress,
+        terminal.progress(shared.quiet),
     )
     if files:
-        read = inputs(shared, *logs, *([plan] if plan else []))
+        read = options.inputs(shared, *logs, *([plan] if plan else []))
         with atomic_files.outputs(files, shared.force, inputs=read) as places:
             for file, place in zip(files, places, strict=True):
                 if file == geojson:
                     place.write_bytes(as_text(log.map for log in test.logs).encode())
                 elif file.name == _PAGE and report:
+                    from ..results.report import page  # slow to import
+
                     title = f"Brake test: {plan.stem}" if plan else "Brake test"
                     protocol = brake_test.protocol(test, title, braked_weight)
                     place.write_bytes(page.protocol_page(protocol).encode())

@@ -33,10 +33,7 @@ _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
 
 def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
-    """The scores of the estimators, by what they are measured against.
-
-    A log that has a name is named in the heading.
-    """
+    """The scores of the estimators, by what they are measured against, headed by the log's name."""
     by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
         by_target.setdefault(s.against, []).append({"axle": axle} | score_row(s))
@@ -287,8 +284,7 @@ def campaign(quiet: bool, logs: int) -> "Callable[[FleetProgress], None]":
             return
         if not begin:
             begin, skipped = time.monotonic(), ended
-        seconds = max(time.monotonic() - begin, 1e-9)
-        rate = (ended - skipped) / seconds
+        rate = (ended - skipped) / max(time.monotonic() - begin, 1e-9)
         remaining = f", {(logs - ended) / rate:.0f} s left" if rate else ""
         show_text(f"analysed {ended} of {logs}: {rate:.1f} logs/s, {failed} failed{remaining}")
 

@@ -4,18 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..core.errors import UserError
-from . import results
-from .options import (
-    Logs,
-    Shared,
-    check,
-    completes,
-    estimators,
-    load_settings,
-    option,
-    settings_file,
-    shared,
-)
+from . import options, results
+from .options import Logs, Shared, option, shared
 
 if TYPE_CHECKING:
     from ..studies.tune import Tuned
@@ -25,7 +15,9 @@ if TYPE_CHECKING:
 def command(
     logs: Logs,
     shared: Shared,
-    algo: Annotated[str, option("-a --algo", "NAME", "The estimator.", **completes(estimators))],
+    algo: Annotated[
+        str, option("-a --algo", "NAME", "The estimator.", **options.completes(options.estimators))
+    ],
     out: Annotated[Path | None, option("-o --out", "FILE.toml", "Write what -c takes.")] = None,
     hold_back: Annotated[
         float, option("--hold-back", "SHARE", "Share of the logs to check with; 0.3.")
@@ -44,12 +36,12 @@ def command(
     from ..studies import tune
     from . import terminal
 
-    files = settings_file(out)
+    files = options.settings_file(out)
     if not 0.0 < hold_back < 1.0:
         text = f"--hold-back {hold_back:g}: a share of the logs lies between 0 and 1"
         raise UserError(text, "--hold-back 0.3", code=2)
-    check(shared, files, *logs)
-    settings, progress = load_settings(shared), terminal.progress(shared.quiet)
+    options.check(shared, files, *logs)
+    settings, progress = options.load_settings(shared), terminal.progress(shared.quiet)
     tuned = tune.tune(logs, settings, algo, hold_back=hold_back, seed=seed, progress=progress)
     return results.finish_study(shared, logs, files, tuned, tune, report(tuned, seed))
 

@@ -47,8 +47,7 @@ def command(
 
 def _derived(shared: Shared) -> int:
     """The force at the rail, and the deceleration, of the stated vehicle or each of its cars."""
-    from ..analysis import cars, settings
-    from ..analysis.identify import car_brakes
+    from ..analysis import cars, identify, settings
     from ..analysis.stated_brake import clamping_faces
     from ..core.document import dumps, tagged
 
@@ -56,7 +55,7 @@ def _derived(shared: Shared) -> int:
     vehicle = settings.load(tables, folder=False).vehicle
     table_by_axle = {axle.number: axle.table for axle in cars.by_axle(tables)}
     brakes = []
-    for brake in car_brakes(vehicle):
+    for brake in identify.car_brakes(vehicle):
         vehicle_of_car, table = vehicle, tables.get("vehicle", {})
         if brake.axles:
             vehicle_of_car, table = vehicle.of_axle(brake.axles[0]), table_by_axle[brake.axles[0]]

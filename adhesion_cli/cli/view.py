@@ -66,11 +66,10 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
     from ..core.estimator import registry
     from ..formats.open import open_source
     from ..formats.source import ReadOptions
-    from ..results import atomic_files, rrd
-    from ..results.names import SETTINGS
+    from ..results import atomic_files, names, rrd
 
     source = open_source(result, ReadOptions())
-    carried = settings.nested(source.metadata.get(SETTINGS, {}))
+    carried = settings.nested(source.metadata.get(names.SETTINGS, {}))
     ran = {f.channel.rpartition("/")[2] for f in source.fields if _ESTIMATE.match(f.channel)}
     if not carried or not ran:
         hint = f"write both again by the command that wrote it, with --force; or view {recording}"
@@ -85,19 +84,12 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
 
 
 def show_recording(recording: Path) -> None:
-    """Starts the viewer on a recording and returns; the viewer keeps running.
-
-    Raises:
-        UserError: where the viewer ends at once.
-    """
+    """Starts the viewer on a recording and returns; a UserError where the viewer ends at once."""
     _started(_rerun(str(_with_drawable_name(recording))), f"{_view(recording)} --serve")
 
 
 def _with_drawable_name(recording: Path) -> Path:
-    """The recording; one whose name the viewer cannot draw, by another name: else the viewer ends.
-
-    Only the name of the file is drawn, not its folder.
-    """
+    """The recording, by another name where the viewer would end, as it cannot draw the name."""
     from ..core.cache_folder import cache_folder
     from ..results.rrd.glyphs import drawable
 
@@ -115,11 +107,7 @@ def _with_drawable_name(recording: Path) -> Path:
 
 
 def start_viewer() -> str:
-    """Starts an empty viewer, which keeps running; returns the address that it listens to.
-
-    Raises:
-        UserError: where it ends at once.
-    """
+    """Starts an empty viewer, as `show_recording`; returns the address that it listens to."""
     port = _is_free(_PORTS[1])
     _started(_rerun("--port", str(port)), "adhesion live SOURCE -o DIR")
     return f"rerun+http://127.0.0.1:{port}/proxy"
@@ -138,19 +126,14 @@ def _started(command: list[str], serves: str) -> None:
 
 
 def serve_recording(recording: Path) -> None:
-    """Serves a recording to browsers of this computer until it is interrupted.
-
-    Raises:
-        UserError: where the server ends by itself.
-    """
+    """Serves a recording to browsers of this computer; a UserError where the server ends."""
     from ..core.children import STEP
 
     page, data = map(_is_free, _PORTS)
     url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     print(f"open {url}\nCtrl-C ends it", flush=True)
     ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
-    env = {**os.environ, "RUST_LOG": "error"}
-    server = _start_program(_rerun(str(recording), *ports), env=env)
+    server = _start_program(_rerun(str(recording), *ports), env={**os.environ, "RUST_LOG": "error"})
     try:
         while (code := server.poll()) is None:
             time.sleep(STEP)

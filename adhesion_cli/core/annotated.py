@@ -5,29 +5,20 @@ highest value of a force, its numbers have the unit of the field, unless they st
 field with `model.NOT_IN_JSON` as metadata is for programs only.
 """
 
+import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from types import UnionType
-from typing import (
-    Annotated,
-    Any,
-    NamedTuple,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, get_args, get_origin
 
 from .model import Quantity
 
 Json = dict[str, Any]  # what `json.dumps` takes
-T = TypeVar("T")
+T = typing.TypeVar("T")
 
 
-class FieldColumn(NamedTuple):
+class FieldColumn(typing.NamedTuple):
     """One number, text or truth value of a class, also deep inside of it."""
 
     name: str  # names of all fields on the way, joined with `_`
@@ -49,12 +40,8 @@ def as_json(value: Any) -> Any:
 
 
 def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
-    """The object that `as_json` made a table of; what has a default may be missing.
-
-    Raises:
-        KeyError: names what is missing.
-    """
-    return cast("T", _read(cls, document))
+    """The object that `as_json` made a table of; a KeyError where what has no default lacks."""
+    return typing.cast("T", _read(cls, document))
 
 
 @cache
@@ -70,7 +57,8 @@ def columns(cls: Any) -> tuple[FieldColumn, ...]:
 def flat(value: Any) -> dict[str, Any]:
     """An object as a row of such a table; None where a part of it is not there."""
     return {
-        column.name: _follow(value, column.path) for column in columns(cast("Any", type(value)))
+        column.name: _follow(value, column.path)
+        for column in columns(typing.cast("Any", type(value)))
     }
 
 
@@ -89,7 +77,7 @@ def names(cls: type) -> dict[str, bool]:
 @cache
 def hints(cls: Any) -> dict[str, Any]:
     """The types of its fields, with their annotations."""
-    return get_type_hints(cls, include_extras=True)
+    return typing.get_type_hints(cls, include_extras=True)
 
 
 def plain(hint: Any) -> tuple[Any, Quantity | None]:
@@ -98,7 +86,7 @@ def plain(hint: Any) -> tuple[Any, Quantity | None]:
     if get_origin(hint) is Annotated:
         hint, *extras = get_args(hint)
         quantity = next((x for x in extras if isinstance(x, Quantity)), None)
-    if get_origin(hint) in (Union, UnionType):
+    if get_origin(hint) in (typing.Union, UnionType):
         hint = next(x for x in get_args(hint) if x is not type(None))
     return hint, quantity
 

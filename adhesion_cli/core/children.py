@@ -32,10 +32,7 @@ STEP = 0.5  # of a wait that an interrupt must end: Windows delivers no Ctrl-C d
 
 
 class ChildDiedError(Exception):
-    """A child ended before its answer.
-
-    `code` is its exit code. One that `was_late` was ended because its time was over.
-    """
+    """A child ended before its answer, with this exit code; `was_late` if its time was over."""
 
     def __init__(self, code: int, was_late: bool = False) -> None:
         super().__init__(f"the process died ({code})")
@@ -76,12 +73,9 @@ class Child:
         return self._owner == os.getpid() and self._process.poll() is None
 
     def call(self, function: Callable[..., Any], *arguments: Any, seconds: float = math.inf) -> Any:
-        """What the function returns or raises there.
+        """What the function returns or raises there, a ChildDiedError where the process died.
 
         It is of a module that the child can import. After so many seconds the process is ended.
-
-        Raises:
-            ChildDiedError: the process died.
         """
         requests = self._process.stdin
         assert requests is not None

@@ -181,10 +181,7 @@ def _compiled(
 
 
 def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
-    """A plain function for numba, with every plain function that it names.
-
-    `lowered` has what was lowered before, by function, and receives more.
-    """
+    """A plain function for numba, with every plain one that it names; `lowered` receives both."""
     if f not in lowered:
         named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
         constants = {name: x for name, x in named.items() if isinstance(x, int | float | tuple)}
@@ -245,10 +242,7 @@ class _Cache:
 
 
 def _key(roots: Iterable[Any]) -> str:
-    """A hash over what functions and types, and all that these name, are made of.
-
-    These are the files of functions and types, and the values of constants from any file.
-    """
+    """A hash over the files of functions and types, of all that these name, and over constants."""
     files, constants = set[Path](), set[str]()
     waiting, visited = list(roots), set[int]()
     while waiting:

@@ -30,8 +30,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, NamedTuple
 
-from . import methods, toml
-from .errors import UserError
+from . import errors, methods, toml
 from .methods import Interval, Kind, Method
 from .model import Quantity, Wheelset
 
@@ -76,11 +75,7 @@ KIND = Kind("estimators", "an estimator", About, ("F",), "the estimate [N]", "co
 
 
 def registry() -> dict[str, Estimator]:
-    """Every estimator by name, sorted.
-
-    Raises:
-        UserError: for a file without an estimator.
-    """
+    """Every estimator by name, sorted; a UserError for a file without one."""
     return {
         name: Estimator(
             **{f.name: getattr(m, f.name) for f in fields(m)},
@@ -97,8 +92,7 @@ def advance(  # noqa: PLR0913 (a step, and whose)
 ) -> Any:
     """The state after a sample; `state` is None before the first of a segment, and `h` no matter.
 
-    Raises:
-        UserError: at an interval at which these parameters are unstable.
+    Raises as `check_step`.
     """
     if state is None:
         return est.init(p, w, K, y)
@@ -107,14 +101,10 @@ def advance(  # noqa: PLR0913 (a step, and whose)
 
 
 def check_step(est: Estimator, p: Any, h: float) -> None:
-    """Refuses an interval `h` [s] at which `est` with parameters `p` is unstable.
-
-    Raises:
-        UserError: names the longest stable interval.
-    """
+    """Refuses, by a UserError, an interval `h` [s] at which `est` with these `p` is unstable."""
     longest = est.longest_step(p)
     if h > longest:
-        raise UserError(
+        raise errors.UserError(
             f"{est.name}: an interval of {h:.4g} s is unstable with euler = 1, "
             f"the longest stable one is {longest:.4g} s",
             f"state {toml.option(f'{est.name}.euler = 0')}, which is stable at every interval",

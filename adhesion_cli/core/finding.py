@@ -137,6 +137,5 @@ def merge_spans(spans: Sequence[Span], limit: int = 20) -> tuple[Span, ...]:
     if len(merged) <= limit:
         return tuple(merged)
     gaps = [(b[0] - a[1], i) for i, (a, b) in enumerate(pairwise(merged), 1)]
-    cuts = sorted(i for _, i in sorted(gaps, reverse=True)[: limit - 1])
-    edges = [0, *cuts, len(merged)]
+    edges = [0, *sorted(i for _, i in sorted(gaps, reverse=True)[: limit - 1]), len(merged)]
     return tuple((merged[i][0], merged[j - 1][1]) for i, j in pairwise(edges))

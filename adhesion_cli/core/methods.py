@@ -64,11 +64,7 @@ class Kind(NamedTuple):
 
 
 def scan(kind: Kind) -> dict[str, tuple[Method, ModuleType]]:
-    """Every method of a kind by name, sorted.
-
-    Raises:
-        UserError: for a file without such a method.
-    """
+    """Every method of a kind by name, sorted; a UserError for a file without one."""
     package = importlib.import_module(f"adhesion_cli.{kind.folder.replace('/', '.')}")
     methods: dict[str, tuple[Method, ModuleType]] = {}
     for name in sorted(info.name for info in pkgutil.iter_modules(package.__path__)):
@@ -97,11 +93,7 @@ def parameters(tunable: Tunable) -> list[tuple[str, Quantity, float]]:
 
 
 def validate(tunable: Tunable, overrides: Mapping[str, float]) -> Any:
-    """`of.Params` with `overrides` in place of defaults.
-
-    Raises:
-        UserError: for a name that is no parameter, or a value outside its range.
-    """
+    """`Params` with `overrides` in place of defaults; a UserError for a bad name or value."""
     by_name = {name: quantity for name, quantity, _ in parameters(tunable)}
     for name, value in overrides.items():
         if name not in by_name:

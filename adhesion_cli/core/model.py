@@ -99,11 +99,7 @@ class Quantity:
         return f"{self.minimum:g} to {self.maximum:g}{unit}"
 
     def check(self, name: str, value: float) -> float:
-        """The value, if it is in the range.
-
-        Raises:
-            UserError: names it, its meaning and its range; also for NaN.
-        """
+        """The value, if it is in the range; else, and for NaN, a UserError with name and range."""
         if not self.minimum <= value <= self.maximum:
             raise UserError(f"{name} = {value:g} is out of range", f"{self.text}: {self.range}", 2)
         return value
@@ -348,6 +344,25 @@ class AxleRecord:
         return replace(self, segments=(slice(0, s.stop - s.start),), **columns_at(self, s))
 
 
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What is new of one axle: columns of shape (n,), NaN where not known."""
+
+    t: Times
+    pressure: Floats  # [Pa]
+    clamping: Floats  # K [N]
+    wheel_speed: Floats  # [rad/s]
+    train_speed: Floats  # [m/s]
+    slip: Floats  # [-]
+    # By estimator: force, its sigma by noise, and that by the vehicle's tolerances [N].
+    estimates: Mapping[str, tuple[Floats, Floats, Floats]]
+
+    def rows(self, rows: slice | Bools) -> "Samples":
+        """Some of them."""
+        estimates = {a: (F[rows], s[rows], u[rows]) for a, (F, s, u) in self.estimates.items()}
+        return replace(self, estimates=estimates, **columns_at(self, rows))
+
+
 class Wheelset(NamedTuple):
     """The constants of (1) for one axle, as the estimators take them.
 
@@ -440,11 +455,7 @@ class Vehicle:
     axles: tuple["CarAxle", ...] = ()
 
     def of_axle(self, axle: int) -> "Vehicle":
-        """The vehicle whose every axle has the values of this one, numbered from 1.
-
-        Raises:
-            UserError: where several axles are stated, but not this one.
-        """
+        """The vehicle whose every axle is as this one, from 1; a UserError for one not stated."""
         if not self.axles:
             is_single = len(self.wheel_radius) == 1
             return self if is_single else replace(self, wheel_radius=(self.radius(axle),))
@@ -477,11 +488,7 @@ class Vehicle:
         return total
 
     def radius(self, axle: int) -> Parameter:
-        """Wheel radius of an axle, numbered from 1; one value serves every axle.
-
-        Raises:
-            UserError: where several are stated, but none for this axle.
-        """
+        """Wheel radius of an axle, numbered from 1; a UserError where only others are stated."""
         if self.axles:
             return self.of_axle(axle).wheel_radius[0]
         count = len(self.wheel_radius)

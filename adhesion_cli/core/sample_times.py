@@ -30,10 +30,7 @@ class SampleTimes(NamedTuple):
         return value, fresh
 
     def interpolate(self, channel: Channel) -> Floats:
-        """Linear interpolation of a channel, shape (n,).
-
-        NaN before its first sample, across its gaps and after its last one.
-        """
+        """A channel on a line between two samples, (n,); NaN outside of them and in gaps."""
         value = np.full(len(self.t), np.nan)
         for piece, xs, ys in self._samples(channel):
             t = self.t[piece]

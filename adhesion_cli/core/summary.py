@@ -8,20 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
-from .finding import Finding
-from .model import (
-    NOT_IN_JSON,
-    Z95,
-    Floats,
-    IdentifiedVehicle,
-    LogBrake,
-    Nis,
-    Number,
-    Parameter,
-    Quantity,
-    Score,
-    VehicleSource,
-)
+from . import finding, model
+from .model import NOT_IN_JSON, Z95, Floats, Number, Quantity
 
 # The definition that tables, JSON and pages repeat.
 JERK = (
@@ -308,7 +296,7 @@ class ReferenceSummary(NamedTuple):
     method: Annotated[str, Quantity("", "name of the method")]
     sigma_n: Annotated[Number, Quantity("N", "median standard uncertainty by noise")]
     band_n: Annotated[Number, Quantity("N", "median half-width of the 95 % band")]
-    nis: Annotated[Nis | None, Quantity("-", "normalised innovation squared")] = None
+    nis: Annotated[model.Nis | None, Quantity("-", "normalised innovation squared")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,7 +317,7 @@ class VehicleSummary:
     """The vehicle that the result is of, and where it is from."""
 
     source: Annotated[
-        VehicleSource,
+        model.VehicleSource,
         Quantity("", "what the log adds to: stated, default; log: nothing but the log"),
     ]
     known: Annotated[bool, Quantity("", "whether force and µ can be known")]
@@ -364,7 +352,7 @@ class AxleSummary(NamedTuple):
     axle: Annotated[int, Quantity("", "number, from 1")]
     reference: ReferenceSummary
     applications: tuple[BrakeApplication, ...]
-    estimators: tuple[Score, ...]
+    estimators: tuple[model.Score, ...]
 
 
 class LogSummary(NamedTuple):
@@ -429,7 +417,8 @@ class ResultSummary:
     channels: tuple[ChannelSummary, ...]
     findings: tuple[FindingSummary, ...]
     brake: Annotated[
-        LogBrake | None, Quantity("", "by the deceleration of this log alone; null if not shown")
+        model.LogBrake | None,
+        Quantity("", "by the deceleration of this log alone; null if not shown"),
     ] = None
     stops: Annotated[tuple[StopSummary, ...], Quantity("", "stops of the whole train")] = ()
 
@@ -510,7 +499,7 @@ class InspectedLog:
     findings: tuple[FindingSummary, ...] = ()
 
 
-def summarise_finding(f: Finding) -> FindingSummary:
+def summarise_finding(f: finding.Finding) -> FindingSummary:
     """A finding with its words."""
     return FindingSummary(
         f.code, f.severity, f.channel, f.count, f.first_s, f.spans, f.values, f.names, f.message,
@@ -518,7 +507,7 @@ def summarise_finding(f: Finding) -> FindingSummary:
     )  # fmt: skip
 
 
-def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
+def summarise_vehicle(x: model.IdentifiedVehicle) -> VehicleSummary:
     """A vehicle with the force of its brake, at 95 %."""
     forces = *_expanded(x.force_per_bar), *_expanded(x.stated_force_per_bar)
     cars = tuple(
@@ -528,6 +517,6 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
     return VehicleSummary(x.source, x.known, *forces, *evidence, cars, x.unstated, x.carried)
 
 
-def _expanded(x: Parameter | None) -> tuple[Any, Any]:
+def _expanded(x: model.Parameter | None) -> tuple[Any, Any]:
     """A value and its expanded uncertainty (95 %); None for both where it is not known."""
     return (x.value, Z95 * x.tolerance) if x else (None, None)

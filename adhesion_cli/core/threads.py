@@ -16,10 +16,7 @@ max_threads = _processors or 1  # threads at once; a program sets it
 
 
 def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """`function` of each, in order; the first error in that order is raised.
-
-    No call may change what another one uses.
-    """
+    """`function` of each, in order, or the first error; no call may change what another uses."""
     return list(run_ahead(function, items)) if len(items) > 1 else [function(x) for x in items]
 
 

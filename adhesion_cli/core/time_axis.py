@@ -307,10 +307,7 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
 
 
 def _width(late: Floats, period: float) -> int:
-    """Over how many samples on either side to average: fewer where samples are lost.
-
-    `late` says how late each stamp is, by an even cycle of this period [ns], (n,).
-    """
+    """Over how many samples on either side to average stamps that are so late [ns], (n,)."""
     width, nearby = round(_MEANED * 1e9 / period), np.std(late[_NEAR:] - late[:-_NEAR])
     while width > _NEAR and np.std(late[width:] - late[:-width]) > 1.2 * nearby:
         width //= 2

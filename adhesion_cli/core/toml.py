@@ -24,12 +24,7 @@ Table = dict[str, Any]  # of TOML, as `tomllib` gives it
 
 
 def read(path: Path, hint: str) -> Table:
-    """The tables of a file.
-
-    Raises:
-        UserError: for a file that cannot be read or is not TOML, `hint` says what it should be;
-            for what is too large.
-    """
+    """The tables of a file; a UserError for what is no TOML or too large, with this `hint`."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -57,13 +52,9 @@ def _nearby(path: Path) -> str:
 
 
 def parsed(text: str, origin: str) -> Table:
-    """The tables of a text, with finite numbers of bounded size and depth.
+    """The tables of a text, named `origin` in errors: finite numbers of bounded size and depth.
 
-    `origin` names the text in an error.
-
-    Raises:
-        tomllib.TOMLDecodeError: where it is not TOML.
-        UserError: where it is too large.
+    Raises TOMLDecodeError where it is not TOML, UserError where it is too large.
     """
     text = text.replace("\r\n", "\n")
     for number, line in enumerate(text.split("\n"), 1):
@@ -78,11 +69,7 @@ def parsed(text: str, origin: str) -> Table:
 
 
 def bounded(tree: Table, origin: str) -> Table:
-    """The same tree.
-
-    Raises:
-        UserError: where it is nested too deeply, or a number is not finite or too large.
-    """
+    """The same tree; a UserError where it is too deep, or a number is not finite or too large."""
     pending: list[tuple[tuple[str, ...], Any]] = [((), tree)]
     while pending:
         keys, value = pending.pop()
@@ -105,11 +92,7 @@ def _too_deep(origin: str, key: str) -> UserError:
 
 
 def target(path: Path) -> Path:
-    """The file that settings are written to.
-
-    Raises:
-        UserError: it has another suffix.
-    """
+    """The file that settings are written to; a UserError for another suffix."""
     if path.suffix.lower() != ".toml":
         raise UserError(f"{path}: settings are TOML", "-o FILE.toml", code=2)
     return path

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +12,6 @@ from typing import Any, NamedTuple, get_type_hints
 
 from ..core.errors import UserError
 from ..core.model import Quantity, quantities
-from .ascii_text import ascii_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +67,7 @@ class Number(NamedTuple):
 
 
 class Types:
-    """The structs of one export, in the order in which C must declare them.
-
-    Their names begin with `prefix`; the floating-point type is called `real`.
-    """
+    """The structs of an export in the order of declaration, named with `prefix`, of `real`."""
 
     def __init__(self, prefix: str) -> None:
         self.real = Scalar("real")
@@ -79,11 +76,7 @@ class Types:
         self._structs: dict[Any, Struct] = {}
 
     def kind(self, hint: Any, public: bool = False) -> Kind:
-        """The C type of a Python annotation.
-
-        Raises:
-            UserError: for a type without a counterpart.
-        """
+        """The C type of a Python annotation; a UserError for one without a counterpart."""
         if hasattr(hint, "_fields"):
             return self.named(hint, public=public)
         if hint not in (float, int, bool):
@@ -167,11 +160,7 @@ def file_of(source: Any) -> str:
 
 
 def definition(source: Callable[..., Any] | type) -> Any:
-    """The syntax tree of a function or class at module level.
-
-    Raises:
-        UserError: it is none.
-    """
+    """The syntax tree of a function or class at module level; a UserError where it is none."""
     for node in tree_of(file_of(source))[0].body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == source.__name__:
             return node
@@ -207,3 +196,28 @@ _RESERVED = frozenset(
     "inline int long register restrict return short signed sizeof static struct switch typedef "
     "union unsigned void volatile while bool true false real NULL".split()
 )
+
+
+_GREEK = (
+    "alpha beta gamma delta eps zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma tau "
+    "upsilon phi chi psi omega"
+)
+_SIGNS = {
+    **{"²": "^2", "³": "^3", "₀": "0", "₁": "1", "₂": "2", "·": " ", "−": "-", "–": "-"},
+    **{"≤": "<=", "≥": ">=", "×": "x", "→": "->", "←": "<-", "±": "+-", "…": "...", "’": "'"},
+    **{"∫": "integral ", "∑": "sum ", "Σ": "sum ", "√": "sqrt ", "°": "deg", "∈": "in"},
+    **{"Δ": "delta", "ϑ": "theta", "Ω": "Omega", "Φ": "Phi", "\u0302": "_est", "\u0307": "_dot"},
+}
+_NAMES = dict(zip("αβγδεζηθικλμνξοπρστυφχψω", _GREEK.split(), strict=True)) | _SIGNS
+
+
+def ascii_text(text: str) -> str:
+    """The same in ASCII: `ω̂ [rad/s²]` is `omega_est [rad/s^2]`.
+
+    >>> ascii_text("q h [rad²/s²], φK ≥ 0")
+    'q h [rad^2/s^2], phiK >= 0'
+    """
+    normal = unicodedata.normalize("NFD", text)  # accents are characters of their own there
+    letters = [x for x in normal if x in _NAMES or unicodedata.category(x) != "Mn"]
+    ascii_letters = "".join(x if x.isascii() else _NAMES.get(x, "?") for x in letters)
+    return ascii_letters.replace("*/", "* /").replace("/*", "/ *")

@@ -10,20 +10,8 @@ from types import FunctionType
 from typing import Any, NamedTuple, NoReturn
 
 from ..core.errors import UserError
-from .c_types import (
-    BOOL,
-    INT,
-    Kind,
-    Number,
-    Scalar,
-    Struct,
-    Types,
-    c_name,
-    comment_at,
-    file_of,
-    stem,
-    tree_of,
-)
+from . import c_types
+from .c_types import BOOL, INT, Kind, Scalar, Struct, c_name
 
 # Functions of `math` that Python takes from the C library, which round as it does.
 LIBRARY = frozenset(
@@ -78,14 +66,11 @@ class Function(NamedTuple):
 
 
 class Program:
-    """What expressions need of the whole: constants, structs and functions, in their order.
+    """Constants, structs and functions in their order; public names begin with `prefix`."""
 
-    Public names begin with `prefix`, as `adhesion_td`.
-    """
-
-    def __init__(self, prefix: str, number: Number) -> None:
+    def __init__(self, prefix: str, number: c_types.Number) -> None:
         self.number = number
-        self.types = Types(prefix)
+        self.types = c_types.Types(prefix)
         self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
         self.functions: list[str] = []
         self.read: set[tuple[str, str]] = set()  # struct and field
@@ -97,7 +82,7 @@ class Program:
 
     def constant(self, f: FunctionType, name: str, value: float) -> str:
         """The macro of a number at module level."""
-        macro = f"{stem(f)}_{name.strip('_')}".upper()
+        macro = f"{c_types.stem(f)}_{name.strip('_')}".upper()
         text = f"(int32_t){value}" if isinstance(value, int) else self.number.literal(value)
         self.constants[macro] = (text, _comment(f, name))
         return macro
@@ -127,11 +112,7 @@ class Expressions:
         self._temporaries = 0
 
     def __call__(self, node: ast.expr) -> Expr:
-        """The expression in C.
-
-        Raises:
-            UserError: for what is not in the subset, with file and line.
-        """
+        """The expression in C; a UserError with the place of what is not in the subset."""
         translate: Any = getattr(self, f"_{type(node).__name__}", None)
         if translate is None:
             self.refuse(node, f"{type(node).__name__} is not in the subset that C gets")
@@ -142,7 +123,7 @@ class Expressions:
         """Raises the error that names the place."""
         line = getattr(node, "lineno", "?")
         hint = "use arithmetic, math, conditions and NamedTuples, as estimators/leso.py does"
-        raise UserError(f"{file_of(self.f)}:{line}: {reason}", hint)
+        raise UserError(f"{c_types.file_of(self.f)}:{line}: {reason}", hint)
 
     def condition(self, node: ast.expr) -> Expr:
         """An expression that is true or false."""
@@ -188,8 +169,7 @@ class Expressions:
         text = f"{owner.bracketed()}.{name}"
         if owner.address and not owner.address.startswith("&"):
             text = f"{owner.address}->{name}"
-        address = f"&{text}" if owner.address else ""
-        return Expr(text, dict(owner.kind.fields)[name], True, address)
+        return Expr(text, dict(owner.kind.fields)[name], True, f"&{text}" if owner.address else "")
 
     def _Subscript(self, node: ast.Subscript) -> Expr:
         sequence = self(node.value)
@@ -238,13 +218,11 @@ class Expressions:
         test, a, b = self.condition(node.test), self(node.body), self(node.orelse)
         self._require_same_kind(node, a, b)
         self._nothing_ahead(node)
-        text = f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}"
-        return Expr(text, a.kind)
+        return Expr(f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}", a.kind)
 
     def _Tuple(self, node: ast.Tuple) -> Expr:
         items = [self(x) for x in node.elts]
-        kind = self.program.types.pair(tuple(x.kind for x in items))
-        return self._struct(kind, items)
+        return self._struct(self.program.types.pair(tuple(x.kind for x in items)), items)
 
     def _Call(self, node: ast.Call) -> Expr:
         if isinstance(node.func, ast.Attribute) and self._is_math(node.func):
@@ -330,8 +308,8 @@ class Expressions:
 
 def _comment(f: FunctionType, name: str) -> str:
     """The comment beside a number at module level, where its file says one."""
-    for node in tree_of(file_of(f))[0].body:
+    for node in c_types.tree_of(c_types.file_of(f))[0].body:
         targets = node.targets if isinstance(node, ast.Assign) else []
         if any(isinstance(t, ast.Name) and t.id == name for t in targets):
-            return comment_at(file_of(f), node.end_lineno or 0)
+            return c_types.comment_at(c_types.file_of(f), node.end_lineno or 0)
     return ""

@@ -3,17 +3,14 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .. import __version__
-from ..core import estimator, physics
+from .. import __version__, wsp
+from ..core import estimator, model, physics
 from ..core.errors import UserError, unknown
 from ..core.methods import Method, validate
-from ..core.model import Vehicle
-from ..wsp import controller
 from ..wsp.wsp_controller import Settings, bands
-from . import check_program, pages, vectors
+from . import pages, templates, vectors
 from .c_types import Number
 from .interface import WHEELSET_INPUTS, Interface
-from .templates import render
 
 
 class Exported(NamedTuple):
@@ -26,18 +23,14 @@ class Exported(NamedTuple):
 
 def methods() -> dict[str, Method]:
     """Every method that C can have, by name: estimators, and controllers with parameters."""
-    laws = {name: m for name, m in controller.registry().items() if m.Params._fields}
+    laws = {name: m for name, m in wsp.controller.registry().items() if m.Params._fields}
     return {**estimator.registry(), **laws}
 
 
 def names(algo: str) -> list[str]:
-    """The names of an export's files.
-
-    Raises:
-        UserError: for an unknown method.
-    """
+    """The names of an export's files; a UserError for an unknown method."""
     if algo not in (supported := methods()):
-        if algo in controller.registry():
+        if algo in wsp.controller.registry():
             text = f"{algo!r} has no parameters and no state: there is nothing to export"
             raise UserError(text, f"known: {', '.join(supported)}", code=2)
         raise unknown("algorithm", algo, list(supported))
@@ -47,18 +40,15 @@ def names(algo: str) -> list[str]:
 def export(
     algo: str,
     settings: Settings,
-    vehicle: Vehicle,
+    vehicle: model.Vehicle,
     axle: int = 1,
     double: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Exported:
-    """The files of one method.
+    """The files of one method; a UserError for what is unknown, out of range or unstable.
 
     `settings` are parameters by the names of methods; others have their defaults. `axle` is the one
     whose wheel radius counts.
-
-    Raises:
-        UserError: an unknown name, a value out of range, parameters that are unstable on the log.
     """
     names(algo)
     method = methods()[algo]
@@ -78,9 +68,8 @@ def export(
         text = f"{algo}: no finite answer in single precision at {test_vectors.missing_count}"
         raise UserError(f"{text} samples of {vectors.LOG}", "leave out --float")
     readme = pages.readme(interface, code, test_vectors, wheelset_values, vehicle)
-    program = check_program.program(interface, test_vectors)
-    makefile = render("Makefile.jinja", interface=interface, deviations=pages.DEVIATIONS)
+    program = pages.program(interface, test_vectors)
+    makefile = templates.render("Makefile.jinja", interface=interface, deviations=pages.DEVIATIONS)
     texts = (code.header, code.source, program, makefile, readme)
-    answer = -1 if interface.estimator else 0
-    error = max(test_vectors.single_errors(answer))
+    error = max(test_vectors.single_errors(-1 if interface.estimator else 0))
     return Exported(dict(zip(names(algo), texts, strict=True)), len(test_vectors.rows), error)

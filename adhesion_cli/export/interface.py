@@ -13,8 +13,7 @@ from ..core.methods import Method
 from ..core.model import Quantity, Vehicle, Wheelset, quantities
 from ..core.physics import wheelset_of
 from ..wsp.controller import Observed
-from .ascii_text import ascii_text
-from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
+from .c_types import INT, Kind, Number, Scalar, Struct, ascii_text, c_name, declaration
 from .expressions import INLINE
 from .templates import render
 from .translate import Translation, folded

@@ -9,28 +9,24 @@ import inspect
 import textwrap
 from types import FunctionType
 
-from .ascii_text import ascii_text
-from .c_types import BOOL, INT, Kind, Number, Struct, c_name, comment_at, definition, file_of, stem
+from . import c_types
+from .c_types import BOOL, INT, Kind, Struct, c_name, comment_at, definition, file_of
 from .expressions import INLINE, Expr, Expressions, Function, Program
 
 
 class Translation(Program):
     """The C of one method: constants, structs and functions, in the order of declaration."""
 
-    def __init__(self, prefix: str, number: Number) -> None:
+    def __init__(self, prefix: str, number: c_types.Number) -> None:
         super().__init__(prefix, number)
         self._translated: dict[tuple[FunctionType, tuple[Kind, ...]], Function] = {}
         self._under_way: list[FunctionType] = []
 
     def function(self, f: FunctionType, kinds: tuple[Kind, ...]) -> Function:
-        """The function with arguments of these types; translated at the first request.
-
-        Raises:
-            UserError: for what is not in the subset.
-        """
+        """The function with arguments of these types, translated once; raises as `Expressions`."""
         if (f, kinds) not in self._translated:
             names = {x.name for x in self._translated.values()}
-            name = f"{stem(f)}_{f.__name__.strip('_')}"
+            name = f"{c_types.stem(f)}_{f.__name__.strip('_')}"
             name = next(x for x in (name, *(f"{name}_{i}" for i in range(2, 99))) if x not in names)
             body = _Body(self, f, kinds)
             if f in self._under_way:
@@ -266,5 +262,5 @@ def _origin(f: FunctionType) -> list[str]:
     """The comment above a function: where it is from, and what it does."""
     text = (inspect.getdoc(f) or "").splitlines() or [""]
     place = file_of(f).rpartition("adhesion_cli/")[2]
-    comment = f"/* {f.__name__} of {place}: {ascii_text(text[0])} */"
+    comment = f"/* {f.__name__} of {place}: {c_types.ascii_text(text[0])} */"
     return textwrap.wrap(comment, 100, subsequent_indent="   ")

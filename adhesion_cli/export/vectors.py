@@ -11,9 +11,7 @@ import numpy as np
 
 from ..analysis.prepare import prepare
 from ..channels.log import read
-from ..core import bundled, physics
-from ..core.estimator import Estimator, check_step
-from ..core.methods import Method
+from ..core import bundled, estimator, methods, physics
 from ..core.model import AxleRecord, Vehicle, Wheelset
 from ..formats.open import open_source
 from ..formats.source import ReadOptions
@@ -48,19 +46,16 @@ class Vectors(NamedTuple):
         return self.singles.count(None)
 
 
-def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
+def of_estimator(est: estimator.Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
     """Clamping force [N] and wheel speed [rad/s] of axle 1, with the estimates.
 
-    `vehicle` is that of the log, with one wheel radius.
-
-    Raises:
-        UserError: where an interval of the log is unstable with euler = 1.
+    `vehicle` is that of the log, with one wheel radius. Raises as `check_step`.
     """
     record = records(vehicle)[0]
     s = max(record.segments, key=lambda s: int(s.stop - s.start))
     t, K, y = (x[s].tolist() for x in (record.t, record.clamping_force, record.wheel_speed))
     h = [0.0, *((b - a) * 1e-9 for a, b in pairwise(t))]
-    check_step(est, p, max(h))
+    estimator.check_step(est, p, max(h))
     rows = list(zip(h, K, y, strict=True))
     answers = ["sigma", "F"] if est.has_sigma else ["F"]
 
@@ -77,7 +72,7 @@ def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vecto
 
 
 def of_controller(
-    law: Method, p: Any, settings: wsp_controller.Settings, vehicle: Vehicle
+    law: methods.Method, p: Any, settings: wsp_controller.Settings, vehicle: Vehicle
 ) -> Vectors:
     """What the law of axle 1 observes in the log, with slips judged and valves."""
     observations: list[tuple[float, Observed]] = []
@@ -118,18 +113,16 @@ def of_controller(
 @lru_cache(maxsize=1)
 def records(vehicle: Vehicle) -> list[AxleRecord]:
     """The axles of the bundled log; K with the fade of the pad friction."""
-    path = bundled.folder("sample_logs") / LOG
-    log = read(open_source(path, ReadOptions()), [], vehicle)
+    log = read(open_source(bundled.folder("sample_logs") / LOG, ReadOptions()), [], vehicle)
     axle_records = prepare(log, vehicle).records
     return [physics.with_fade(record, vehicle) for record in axle_records]
 
 
 def _as_floats(o: Observed) -> Observed:
-    floats = Observed._make(map(float, o))
-    return floats._replace(at_least=int(o.at_least))
+    return Observed._make(map(float, o))._replace(at_least=int(o.at_least))
 
 
-def _vectors(rows: Any, method: Method, run: Callable[..., Any]) -> Vectors:
+def _vectors(rows: Any, method: methods.Method, run: Callable[..., Any]) -> Vectors:
     expected = [x for x in run(method.init, method.step, lambda state: state) if x is not None]
     with np.errstate(all="ignore"):
         singles = run(single(method.init), single(method.step), values)

@@ -51,13 +51,7 @@ class Dataset:
         self._suffix = f"-{settings}-{version}.parquet"
 
     def prepare(self, settings: Json) -> None:
-        """Makes the folders, writes the settings, and removes what killed runs left.
-
-        The hash is of these settings.
-
-        Raises:
-            UserError: they cannot be made.
-        """
+        """Makes the folders, writes these settings, removes what killed runs left, or raises."""
         folders = [self._folder / name for name in (*TABLES, SETTINGS)]
         try:
             for folder in folders:
@@ -80,11 +74,7 @@ class Dataset:
         return by_key
 
     def write(self, logs: Iterable[KeptTables]) -> None:
-        """Writes all tables of these logs, those of the logs last.
-
-        Raises:
-            UserError: the disk is full, fails or refuses.
-        """
+        """Writes all tables of these logs, those of the logs last; a UserError where it cannot."""
         content: dict[Path, bytes] = {}
         for log in logs:
             content |= {self._path(name, log.key): data for name, data in log.files.items()}
@@ -122,10 +112,7 @@ def read_logs(files: Sequence[Path]) -> tuple[list[tuple[Path, LogRow]], list[Pa
 
 
 def is_whole(log: Path, tables_sha256: str | None) -> bool:
-    """Whether the other tables of an analysed log are there, as they were written.
-
-    `log` is its file in the table of logs, which says `tables_sha256` of the others.
-    """
+    """Whether the other tables of a log, by its file in the table of logs, have this hash."""
     try:
         contents = [(log.parents[1] / name / log.name).read_bytes() for name in OF_RESULTS]
     except OSError:

@@ -30,14 +30,11 @@ class LogLocation(NamedTuple):
 
 
 def find(named: Sequence[str]) -> list[LogLocation]:
-    """The logs that the names stand for, each once, in the order of the names.
+    """The logs that the names stand for, each once, in their order; a UserError for one without.
 
     Of a folder these are all files with a suffix of a log, those of its folders too. Results of
     this program, hidden files and the folders of a fleet's results are left out. A file that is
     named itself is taken, whatever its suffix.
-
-    Raises:
-        UserError: for a name without a log, and for a URL that cannot be listed.
     """
     locations: dict[str, LogLocation] = {}
     for name in named:
@@ -54,12 +51,7 @@ def find(named: Sequence[str]) -> list[LogLocation]:
 
 @contextmanager
 def local(place: str) -> Iterator[Path]:
-    """The file of a log: where it is, or a copy of a URL, which then vanishes.
-
-    Raises:
-        UserError: fsspec, or its part for this kind of URL, is not installed.
-        OSError: the URL cannot be read.
-    """
+    """The file of a log, or a passing copy of a URL; a UserError where its library lacks."""
     if not _is_url(place):
         yield Path(place)
         return
@@ -96,8 +88,7 @@ def _walk_folder(folder: Path) -> Iterator[Path]:
 
 
 def _is_log(file: str) -> bool:
-    has_log_suffix = file.lower().endswith(SUFFIXES) and not file.startswith(".")
-    return has_log_suffix and not _is_result(file)
+    return file.lower().endswith(SUFFIXES) and not file.startswith(".") and not _is_result(file)
 
 
 def _is_result(file: str) -> bool:

@@ -11,11 +11,10 @@ from ..core.summary import FailedLog
 from ..core.text import utf8
 from ..results.tables import LogRow
 from . import dataset, work
-from .cluster import Cluster
 from .dataset import Dataset, KeptTables
 from .locations import LogLocation
-from .processes import Processes
 from .work import Job, Outcome
+from .workers import Cluster, Processes
 
 _DEAD = UserError(
     "the process that analysed the log died",
@@ -44,13 +43,10 @@ def run(
     force: bool = False,
     progress: Callable[[FleetProgress], None] = lambda _: None,
 ) -> FleetProgress:
-    """Analyses the logs that have no result in the dataset.
+    """Analyses the logs that have no result in the dataset; a UserError where it cannot go on.
 
     Those with the same content are analysed once, by the name of the first. With `force`, results
     that are there are made again.
-
-    Raises:
-        UserError: results cannot be written, or the cluster is lost.
     """
     dataset.prepare(job.depends())
     existing, state = dataset.finished_logs(), FleetProgress(len(logs))

@@ -151,13 +151,10 @@ _Row = tuple[Path, LogRow]  # of the table of logs, after its file
 
 
 def summarise_fleet(folder: Path) -> FleetSummary:
-    """The summary of a folder of results.
+    """The summary of a folder of results; a UserError where it holds none that can be read.
 
     Of a log with several results by the same settings, the newest version of the program counts,
     and of that the newest file. The speed of a brake application is the mean of its start and end.
-
-    Raises:
-        UserError: the folder holds no results, or they cannot be read.
     """
     files = {t: sorted((folder / t).glob("*.parquet")) for t in TABLES}
     if not files["logs"] or not all((folder / name).is_dir() for name in TABLES):
@@ -300,10 +297,7 @@ def _bands(table: Any) -> Iterator[tuple[float, float | None] | tuple[()]]:
 
 
 def _places(table: Any) -> list[tuple[Any, ...]]:
-    """Kilometre, day and hour of each application whose position on the line is known.
-
-    The kilometre is that of its first slide; without a slide, of its start.
-    """
+    """Kilometre of its first slide or start, day and hour of each application with a position."""
     names = "position_from", "position_km", "slide_position_km", "time"
     places: list[tuple[Any, ...]] = []
     for source, start_km, slide_km, time in zip(
@@ -311,8 +305,7 @@ def _places(table: Any) -> list[tuple[Any, ...]]:
     ):
         km = start_km if slide_km is None else slide_km
         clock = (time[:10], int(time[11:13])) if time else ("unknown", None)
-        has_km = source == "position" and km is not None
-        places.append((math.floor(km), *clock) if has_km else ())
+        places.append((math.floor(km), *clock) if source == "position" and km is not None else ())
     return places
 
 
@@ -358,8 +351,7 @@ def _to_check(table: Any) -> list[DoubtfulLog]:
 def _stated_vehicle(folder: Path, settings: str) -> str:
     """What the settings of a hash state of the vehicle, in a line."""
     try:
-        text = (folder / SETTINGS / f"{settings}.json").read_text("utf-8")
-        stated = json.loads(text)["stated"]
+        stated = json.loads((folder / SETTINGS / f"{settings}.json").read_text("utf-8"))["stated"]
         tables = {"": stated.get("vehicle", {}), **stated.get("car", {})}
         entries = [(f"{car} {key}".strip(), x) for car, t in tables.items() for key, x in t.items()]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

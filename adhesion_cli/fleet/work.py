@@ -11,14 +11,11 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from ..analysis import settings
+from ..analysis import outputs, settings
 from ..analysis.analyze import analyze
 from ..analysis.evaluate import evaluate
-from ..analysis.outputs import stem, write_results
 from ..analysis.summarise import summarise
-from ..core import bundled, threads
-from ..core.annotated import Json
-from ..core.errors import UserError, as_user_error
+from ..core import annotated, bundled, errors, threads
 from ..core.summary import FailedLog, ResultSummary
 from ..core.text import printable
 from ..formats.open import check_kind
@@ -37,7 +34,7 @@ _THRESHOLD = 100_000  # as in `__main__`: what is imported stays
 class Job(NamedTuple):
     """What is the same for every log of a run."""
 
-    stated: Json  # settings, from `settings.stated`
+    stated: annotated.Json  # settings, from `settings.stated`
     strict: bool  # whether damaged data is an error
     algos: tuple[str, ...]  # estimators, all if empty
     axles: tuple[int, ...]  # all if empty
@@ -46,7 +43,7 @@ class Job(NamedTuple):
     settings: str = ""  # hash of what `depends` gives
     recordings: str = ""  # folder for recordings, empty for none
 
-    def depends(self) -> Json:
+    def depends(self) -> annotated.Json:
         """All that a result depends on, except the log and the version."""
         excluded = {"version", "settings", "recordings"}
         return {name: value for name, value in self._asdict().items() if name not in excluded}
@@ -88,7 +85,7 @@ def analysed(log: LogLocation, job: Job) -> Outcome:
 
 def failed(log: LogLocation, error: Exception, place: str = "") -> FailedLog:
     """A log that has no result: error and hint by its name, also where `place` is its file."""
-    said, name = as_user_error(error), log.name
+    said, name = errors.as_user_error(error), log.name
     text, hint = (x.replace(place or log.place, name) for x in (said.text, said.hint))
     return FailedLog(name, text, hint, log.sha256 or None)
 
@@ -118,7 +115,7 @@ def recordings(log: LogLocation, job: Job) -> list[Path]:
     """The recordings of a log, none if not asked for: by the name of the log and its content."""
     if not job.recordings:
         return []
-    name = f"{printable(stem(log.name))}-{log.sha256[:16]}-{job.settings}"
+    name = f"{printable(outputs.stem(log.name))}-{log.sha256[:16]}-{job.settings}"
     return [Path(job.recordings, f"{name}.adhesion{suffix}") for suffix in (".mcap", ".rrd")]
 
 
@@ -128,7 +125,7 @@ def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict
     evaluated = evaluate(path, settings_of_job, job.algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != log.sha256:
         hint = "run again when the logger has closed it"
-        raise UserError(f"{evaluated.log.path}: the file changed during the run", hint)
+        raise errors.UserError(f"{evaluated.log.path}: the file changed during the run", hint)
     summary = evaluated.summary
     summary = replace(summary, log=summary.log._replace(path=name))
     if result := evaluated.result:
@@ -136,7 +133,7 @@ def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict
         if files := recordings(log, job):
             files[0].parent.mkdir(parents=True, exist_ok=True)
             with atomic_files.sets([files], True, sweeps=False) as (places,):
-                write_results(places, [result], [summary])
+                outputs.write_results(places, [result], [summary])
     by_name = {name: tables.of_results(name, [summary]) for name in OF_RESULTS}
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
 
@@ -144,6 +141,5 @@ def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict
 def _of_run(table: Any, job: Job) -> Any:
     """A table with version and settings, as one folder may hold results of several."""
     for name in ("version", "settings"):
-        value = getattr(job, name)
-        table = table.append_column(name, pa.array([value] * len(table), pa.string()))
+        table = table.append_column(name, pa.array([getattr(job, name)] * len(table), pa.string()))
     return table

@@ -13,8 +13,7 @@ from ..core.finding import Finding
 from ..core.model import Z95, Parameter, Vehicle
 from ..core.physics import SLIDE
 from ..rail.events import END_SLIP
-from ..records import screen
-from ..records.outliers import wheel_limits
+from ..records import outliers, screen
 from ..reference.force import by_tolerances
 from .sensors import Leaps, StuckPressure, StuckSpeed, pressure_leaps
 
@@ -142,7 +141,7 @@ class LiveAxle:
         self._slides = False
         self._older_stamps = 0  # of the wheel speed, in a row
         p = measuring.thresholds
-        self._speed_leaps = Leaps("wheel_speed", lambda _: wheel_limits(p.outliers))
+        self._speed_leaps = Leaps("wheel_speed", lambda _: outliers.wheel_limits(p.outliers))
         self._pressure_leaps = pressure_leaps(p.outliers)
         self._speed_stuck = StuckSpeed(p.stuck_speed)
         self._pressure_stuck = StuckPressure(p.stuck_pressure)
@@ -235,8 +234,7 @@ class LiveAxle:
         previous = self._wheel.last
         if previous is not None and t <= previous:
             if t == previous or previous - t < _CLOCK_SET_BACK * 1e9:
-                code = "time-duplicate" if t == previous else "time-out-of-order"
-                self._report(code, t, start)
+                self._report("time-duplicate" if t == previous else "time-out-of-order", t, start)
                 self._older_stamps += t < previous
                 return False
             self._report("time-backward", t, start, most_s=(previous - t) * 1e-9)

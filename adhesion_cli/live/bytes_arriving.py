@@ -27,11 +27,7 @@ class Pieces:
         return self._pieces
 
     def peek(self) -> bytes:
-        """The first bytes that are no blank; waits for them. Another call gives the same ones.
-
-        Raises:
-            UserError: where the sender ends before, or sends only blanks.
-        """
+        """The first bytes that are no blank, each time the same; a UserError where none comes."""
         if begins := self.begins.lstrip(_BLANK):
             return begins
         for piece in self._pieces:
@@ -45,24 +41,15 @@ class Pieces:
 
 
 def standard_input() -> Pieces:
-    """What another program pipes into this one.
-
-    Raises:
-        UserError: where it is closed.
-    """
+    """What another program pipes into this one; a UserError where it is closed."""
     if sys.stdin is None:
-        hint = "pipe samples in, or name a file that grows"
-        raise UserError("standard input is closed", hint)
+        raise UserError("standard input is closed", "pipe samples in, or name a file that grows")
     pump = Pump(lambda: os.read(sys.stdin.fileno(), _BLOCK) or None, patient=True)
     return Pieces(STDIN, iter(pump))
 
 
 def growing(path: Path) -> Pieces:
-    """A file that grows. It ends where the file is cut, or another one takes its name.
-
-    Raises:
-        UserError: where there is no such file.
-    """
+    """A file that grows, to where it is cut or another takes its name; a UserError for none."""
     try:
         file = path.open("rb")
     except FileNotFoundError:

@@ -12,12 +12,9 @@ _INSTALL = installed_by("can")
 
 
 class Can(Messages):
-    """A CAN bus, only listened to.
+    """A CAN bus, only listened to; a UserError for no such bus, no DBC or no library.
 
     `place` is INTERFACE:CHANNEL as python-can has them; a channel alone is one of socketcan.
-
-    Raises:
-        UserError: where there is no such bus, no DBC, or a library is missing.
     """
 
     _form = "not a frame of the DBC"

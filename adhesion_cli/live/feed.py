@@ -42,8 +42,7 @@ def _rows(columns: dict[int, Column]) -> Iterator[FeedRow]:
     values = {place: c.value.tolist() for place, c in columns.items()}
     valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
     for n, stamp in enumerate(t):
-        known = {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]}
-        yield FeedRow(stamp, known)
+        yield FeedRow(stamp, {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]})
 
 
 class Feed:
@@ -52,21 +51,14 @@ class Feed:
     name: str  # for people and for the names of files
 
     def head(self) -> Source:
-        """The fields, by the header or the first messages; waits for them.
-
-        Raises:
-            UserError: where they cannot be understood, or nothing ever came.
-        """
+        """The fields, by header or first messages; waits for them. Raises a UserError for none."""
         raise NotImplementedError
 
     def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
 
         `wanted` are their fields. `add_source` is called with all fields before the first row that
-        has a new one; it may add to `wanted`.
-
-        Raises:
-            UserError: where the sender cannot be read on.
+        has a new one; it may add to `wanted`. Raises a UserError at the end of a broken sender.
         """
         raise NotImplementedError
 

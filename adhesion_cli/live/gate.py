@@ -18,11 +18,8 @@ _REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\
 class Gate:
     """Takes connections, and passes on those that are allowed.
 
-    It listens on `host` and `port`, or on a free port where that is 0; the attribute `port` says
-    which.
-
-    Raises:
-        OSError: the port is taken.
+    It listens on `host` and `port`, or on a free port where that is 0: see the attribute `port`.
+    Raises OSError where the port is taken.
     """
 
     def __init__(self, host: str, port: int, target: tuple[str, int]) -> None:

@@ -31,11 +31,7 @@ _END_OPCODES = (Opcode.DATA_END, Opcode.FOOTER)
 
 
 class GrowingMcap(Feed):
-    """The messages of an MCAP, as they are appended; ends with the data section.
-
-    Raises:
-        UserError: where there is no such file.
-    """
+    """The messages of an MCAP, as they are appended, to its end; a UserError for no such file."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.name, self._path, self._options = str(path), path, options
@@ -116,8 +112,7 @@ class GrowingMcap(Feed):
     def _source(self, chunk: bytearray) -> McapSource:
         preamble = MAGIC + written(Header("", ""), *self._defined)
         content = preamble + chunk + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
-        options = replace(self._options, strict=False)
-        source = McapSource(self._path, options, content, self._owners)
+        source = McapSource(self._path, replace(self._options, strict=False), content, self._owners)
         self._owners = source.owners
         source.texts = []  # what arrives are numbers
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]

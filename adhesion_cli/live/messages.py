@@ -135,12 +135,7 @@ class Messages(Feed):
             return None
 
     def parsed(self, message: Any) -> Values | None:
-        """Time and values of a message; None where it says nothing.
-
-        Raises:
-            UnreadableError: says why it cannot be read.
-            Exception: it has not the form of such a message.
-        """
+        """Time and values of a message, None where it says nothing; any error if unreadable."""
         if not message.strip():
             return None
         if len(message) > MOST_BYTES:

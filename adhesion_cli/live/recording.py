@@ -13,11 +13,11 @@ from ..analysis.settings import Settings, tree
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..core.model import Samples
 from ..core.text import printable
 from ..results import atomic_files
 from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
-from ..results.samples import Samples
 from .axle import LiveEstimate, LiveSample, Sink
 
 _WAITING_SAMPLES = 20_000  # samples that wait for a file before the sender has to
@@ -27,13 +27,10 @@ _NOTHING = LiveEstimate(float("nan"), float("nan"))
 
 @contextmanager
 def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Iterator[None]:
-    """Empty files of these names, which no other run writes meanwhile.
+    """Empty files of these names, which no other run writes meanwhile; raises UserError.
 
     They have their names while they grow, so that they can be read. What had a name before is
     removed, and not written to: another program may hold it, or it may be a link.
-
-    Raises:
-        UserError: as `atomic_files.check`, another run writes these files, or they cannot be made.
     """
     atomic_files.check(paths, force, inputs=inputs)
     with _locked(paths[0]):
@@ -141,12 +138,9 @@ class Batches(Sink):
 
 
 class Mcap(Sink):
-    """A file of all samples; see `GrowingResult`.
+    """A file of all samples; see `GrowingResult`. Raises a UserError where it cannot be written.
 
     `path` is an empty file. `report` gets what is not written, in the thread of `take`.
-
-    Raises:
-        UserError: where the file cannot be written, here and later.
     """
 
     def __init__(
@@ -191,10 +185,7 @@ def _written(path: Path) -> Iterator[None]:
 
 
 class LiveView(Sink):
-    """A recording in a viewer or a file. Whatever becomes of it, the samples go on.
-
-    `report` is called once, with what went wrong.
-    """
+    """A recording in a viewer or a file; what goes wrong is reported once; samples go on."""
 
     def __init__(self, recording: LiveRecording, algos: Sequence[str], report: Any) -> None:
         self._recording: LiveRecording | None = recording

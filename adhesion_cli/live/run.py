@@ -22,10 +22,7 @@ _SPANS = 20  # of a finding that grows
 
 
 class Tally:
-    """Findings as they come, those of one kind together.
-
-    `report` is called with the findings of new kinds. With `strict`, damaged data end the run.
-    """
+    """Findings as they come, new kinds reported; with `strict`, damaged data end the run."""
 
     def __init__(
         self, report: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
@@ -35,11 +32,7 @@ class Tally:
         self._lock = threading.Lock()  # files are written in threads of their own
 
     def add(self, findings: Sequence[Finding]) -> None:
-        """Counts these.
-
-        Raises:
-            UserError: at damaged data, with `strict`.
-        """
+        """Counts these; damaged data are a UserError with `strict`."""
         if findings:
             with self._lock:
                 self._add(findings)
@@ -97,11 +90,7 @@ def follow(
     sinks: Sequence[Sink],
     tally: Tally,
 ) -> None:
-    """Takes every row of a sender, until it ends.
-
-    Raises:
-        UserError: where the sender cannot be read on.
-    """
+    """Takes every row of a sender, until it ends, or by a UserError cannot be read on."""
     tally.add(wheels.findings)
     start, axles = None, list[LiveAxle]()
 

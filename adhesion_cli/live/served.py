@@ -19,13 +19,10 @@ _INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 
 
 class LiveServer(Sink):
-    """A server on this computer, whose port refuses pages of other web sites.
+    """A server on this computer, whose port refuses pages of other web sites; raises UserError.
 
     On macOS, the SDK's own server behind it has the same address, on a port that changes. A port of
     0 stands for a free one.
-
-    Raises:
-        UserError: where the port is taken, or the library is missing.
     """
 
     def __init__(

@@ -26,10 +26,7 @@ Say = Callable[[str], None]
 
 
 class JsonLines(Sink):
-    """An object per sample, axle and estimator, each on a line of its own.
-
-    With `outlives_reader`, a reader that is gone ends the lines only.
-    """
+    """An object per sample, axle and estimator on a line; a reader that is gone may end only it."""
 
     def __init__(self, algos: Sequence[str], vehicle: Vehicle, outlives_reader: bool) -> None:
         self._algos, self._vehicle, self._outlives_reader = algos, vehicle, outlives_reader

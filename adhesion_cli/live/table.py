@@ -18,10 +18,7 @@ _FEWEST = 4  # lines that must do where no more come for `PAUSE`
 
 
 class LiveTable(Feed):
-    """Rows of a table of text.
-
-    `reopen` gives the bytes of the file that took its place, if it can be replaced.
-    """
+    """Rows of a table of text; `reopen` gives the bytes of the file that took its place, if any."""
 
     def __init__(
         self, pieces: Pieces, options: ReadOptions, reopen: Callable[[], Pieces] | None = None

@@ -5,11 +5,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..channels import to_si
-from ..channels.log import needed
+from ..channels import log, to_si
 from ..channels.meaning import Mapping, Meant
-from ..core import units
-from ..core.errors import UserError
+from ..core import errors, units
 from ..core.finding import Finding
 from ..core.model import MOTOR_FORCES, MOTOR_TOLERANCE, Parameter, Vehicle
 from ..formats.source import Field, Source
@@ -82,7 +80,7 @@ class LiveWheels:
         try:
             findings = self._meant(source)
             lacking = self._find_axles(self._numbers(source))
-        except UserError as error:
+        except errors.UserError as error:
             names = {"reason": error.text, "hint": error.hint}
             return [Finding("late-channels-left-out", "warning", names=names)]
         self._lacking = lacking, time.monotonic() + PAUSE if lacking else math.inf
@@ -102,7 +100,7 @@ class LiveWheels:
 
     def _meant(self, source: Source) -> list[Finding]:
         """Learns what the fields mean."""
-        chosen, findings = needed(source, self._mappings)
+        chosen, findings = log.needed(source, self._mappings)
         for m in chosen:
             is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
             if m.meaning and not is_rate:
@@ -138,8 +136,7 @@ class LiveWheels:
                 zero = to_si.zero(self._by_key[brake], self._vehicle)
                 self.axles.append(Places(axle, *axle_places, None, of_rim, zero))
             i, train_place = index_of.get(axle, -1), self._place(train) if train else None
-            changed = self.axles[i]._replace(motors=motors_by_axle[axle], train=train_place)
-            self.axles[i] = changed
+            self.axles[i] = self.axles[i]._replace(motors=motors_by_axle[axle], train=train_place)
         return lacking
 
     def _find_motors(self, axle: int) -> tuple[MotorPlace, ...]:
@@ -163,10 +160,9 @@ class LiveWheels:
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
             self._places[key] = len(self.fields)
             self.fields.append(m.field)
-            convert = (
+            self._conversions.append(
                 _Total(factor, size).convert if total else lambda t, x: (t, factor * x + offset)
             )
-            self._conversions.append(convert)
         return self._places[key]
 
     def si(self, row: FeedRow) -> dict[int, tuple[int, float]]:

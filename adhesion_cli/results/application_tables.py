@@ -8,18 +8,10 @@ from typing import NamedTuple
 from ..core.finding import is_doubt
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
+from . import train_stops
 from .result_rows import row, slid_row
 from .stop_rows import describe_columns, describe_reasons, describe_sources, short_row, stop_row
 from .text_tables import DOUBT, TitledTable, describe_cells, doubted, non_empty
-from .train_stops import (
-    MANY_AXLES,
-    MANY_ROWS,
-    find_stops,
-    group_axles,
-    group_row,
-    slide_severity,
-    train_stop_row,
-)
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
@@ -49,10 +41,7 @@ _SHOWN_STOPS = 20  # of more, the worst ones
 
 
 def stop_table(summaries: Sequence[ResultSummary], all_rows: bool = False) -> list[TitledTable]:
-    """The stops of the whole train, of one log or of several; none without a stop.
-
-    With `all_rows` each stop is shown, with all of its figures.
-    """
+    """The stops of the whole train, of one or several logs; with `all_rows` each, and whole."""
     named = [
         (_named(Path(x.log.path).name if len(summaries) > 1 else ""), stop)
         for x in summaries
@@ -92,12 +81,15 @@ def application_tables(
     count = sum(len(axle.applications) for log in logs for axle in log.axles)
     if not count:
         return [TitledTable(_TITLE, [], note="No brake application.")]
-    fits_screen = is_single and (count <= MANY_ROWS or len(logs[0].axles) == 1)
+    fits_screen = is_single and (count <= train_stops.MANY_ROWS or len(logs[0].axles) == 1)
     tables = _by_application(logs) if all_rows or fits_screen else _by_stop(logs)
     for name, axles, _ in logs:
-        if len(axles) > MANY_AXLES:
+        if len(axles) > train_stops.MANY_AXLES:
             rows = non_empty(
-                [_named(name) | group_row(*x) for x in group_axles(axles, cars).items()]
+                [
+                    _named(name) | train_stops.group_row(*x)
+                    for x in train_stops.group_axles(axles, cars).items()
+                ]
             )
             tables.append(TitledTable("Groups of axles", rows, note=_OF_GROUPS))
     return tables
@@ -120,18 +112,21 @@ def _of_doubt(logs: Sequence[_NamedLog]) -> str:
 
 
 def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
-    stops = [(log, stop) for log in logs for stop in find_stops(log.axles)]
+    stops = [(log, stop) for log in logs for stop in train_stops.find_stops(log.axles)]
     shown_stops, lead = stops, ""
     has_slides = any(a.slides for _, stop in stops for a in stop)
     if len(stops) > _SHOWN_STOPS or not logs[0].name:
         shown_stops = sorted(
-            stops, key=lambda pair: max(map(slide_severity, pair[1])), reverse=True
+            stops, key=lambda pair: max(map(train_stops.slide_severity, pair[1])), reverse=True
         )
         shown_stops = shown_stops[:_SHOWN_STOPS]
         order = "most slip first" if has_slides else "highest µ first"
         lead = f"{len(shown_stops)} of {len(stops)} stops, {order}:"
     rows = non_empty(
-        [_named(log.name) | _marked(train_stop_row(x), log.in_doubt) for log, x in shown_stops]
+        [
+            _named(log.name) | _marked(train_stops.train_stop_row(x), log.in_doubt)
+            for log, x in shown_stops
+        ]
     )
     note = f"{_OF_STOPS} {_OF_ROWS}{_of_doubt(logs)}"
     note = " ".join(filter(None, [note, describe_cells(rows)]))

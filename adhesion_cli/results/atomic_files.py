@@ -96,11 +96,7 @@ def refuse_url(path: Path) -> None:
 
 @contextmanager
 def folder(target: Path) -> Iterator[None]:
-    """Makes a folder for results; removes it again if it stays empty.
-
-    Raises:
-        UserError: where it cannot be made.
-    """
+    """Makes a folder for results, or raises a UserError; removes it again if it stays empty."""
     refuse_url(target)
     if target.exists() and not target.is_dir():
         hint = "name a folder with --out, a new one or one that exists"
@@ -242,11 +238,7 @@ def _publishing() -> Iterator[None]:
 
 
 def check_closed(paths: Iterable[Path]) -> None:
-    """Refuse to replace files of which another program holds one open; all are whole then.
-
-    Raises:
-        UserError: names the file.
-    """
+    """Refuses, by a UserError, to replace files of which another program holds one open."""
     for path in filter(os.path.lexists, paths):
         _patiently(path, partial(os.rename, path, path))
 

@@ -20,10 +20,7 @@ def _files() -> dict[str, FileDescriptorProto]:
 
 @cache
 def schema(name: str) -> bytes:
-    """FileDescriptorSet of one message and its imports, as an MCAP schema record carries it.
-
-    The name is without the package, as "AxleInput".
-    """
+    """FileDescriptorSet of a message, as "AxleInput", and its imports, as MCAP schemas carry it."""
     file = _files()[f"adhesion/{name}.proto"]
     imports = [_files()[path] for path in file.dependency]  # which import nothing
     packed: bytes = FileDescriptorSet(file=[*imports, file]).SerializeToString()

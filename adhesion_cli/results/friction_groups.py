@@ -132,10 +132,7 @@ def _mean(group: _Group) -> float:
 
 
 def _sigma(group_a: _Group, group_b: _Group) -> float:
-    """1 sigma of the difference of ln of two ratios.
-
-    Gradient and resistance may be one error in all runs of a group, so it is that of one run.
-    """
+    """1 sigma of the difference of ln of two ratios; gradient and resistance may be one error."""
     sides = [[brake for _, brake in group] for group in (group_a, group_b)]
     speeds = [np.mean([brake.speed_mps for brake in group_files]) for group_files in sides]
     pressures = [[x.pressure_bar for x in group_files if x.pressure_bar] for group_files in sides]

@@ -48,11 +48,7 @@ def check_name(path: Path) -> None:
 
 
 def as_text(maps: Iterable[MapOfLog]) -> str:
-    """Maps of logs as one document; of several logs, those that have coordinates.
-
-    Raises:
-        UserError: no log has coordinates.
-    """
+    """Maps of logs as one document, of those that have coordinates; a UserError where none has."""
     all_maps = list(maps)
     placed = [line_map for line_map in all_maps if line_map.lines]
     if not placed:

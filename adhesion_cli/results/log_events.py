@@ -29,6 +29,5 @@ def of_result(result: Result) -> Iterator[Event]:
             pressed, is_released = signals.pressed_part(axle.record, s)
             rows = ("applied", pressed.start), ("released", pressed.stop - 1)
             for event, row in rows[: 1 + is_released]:
-                message = f"axle {N}: brake {event}"
-                yield Event(int(t_ns[row]), f"brake-{event}", message, axle=N)
+                yield Event(int(t_ns[row]), f"brake-{event}", f"axle {N}: brake {event}", axle=N)
         yield from axle.events

@@ -18,45 +18,23 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..channels.state_words import words_key
-from ..core import physics, rounding, threads, toml
+from ..core import masks, model, physics, rounding, threads, toml
 from ..core.errors import UserError
-from ..core.masks import true_runs
-from ..core.model import (
-    AS_INPUT,
-    MOTOR_FORCES,
-    NOT_MEASURED,
-    OTHER_BRAKES,
-    PLACES,
-    RECOVERED,
-    STATES,
-    AxleRecord,
-    AxleResult,
-    Column,
-    Event,
-    Floats,
-    Log,
-    Meaning,
-    Regions,
-    Result,
-    Times,
-    Vehicle,
-)
+from ..core.model import AxleResult, Column, Event, Floats, Log, Result, Samples, Times
 from ..core.physics import LOCKED
 from ..core.text import printable
 from ..core.toml import Table
 from ..rail import events
 from ..rail.slope import REGIONS
 from ..wsp.stop import Stop
-from . import descriptors, mcap_container, names, thinning
-from .log_events import of_result
+from . import descriptors, log_events, mcap_container, names, thinning
 from .mcap_container import Offsets
-from .samples import Samples
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _LEVEL = 5  # of zstd; the indexes, which are not compressed, are larger than what more would save
 _OPCODE = int(Opcode.MESSAGE)
 _SECOND = 1_000_000_000
-_BRAKE_SIGNALS: tuple[Meaning, ...] = (*STATES, "brake_pipe", "reservoir_pressure")
+_BRAKE_SIGNALS: tuple[model.Meaning, ...] = (*model.STATES, "brake_pipe", "reservoir_pressure")
 _VARINT = 5  # bytes of seconds since 1970, until the year 3058, and of nanoseconds
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 _UNITS = {  # of the doubles of a message, in the order of its schema
@@ -114,12 +92,7 @@ def write_results(
 
 
 def write_log(path: Path, log: Log) -> None:
-    """Write a log as one topic of `adhesion.Scalar` per channel, each with its unit.
-
-    Channels with a meaning are in SI, others in the unit they state.
-
-    Raises as `write_results`.
-    """
+    """Write a log as one topic of `adhesion.Scalar` per channel, with its unit; raises as above."""
     pairs = zip(names.channels(log), log.channels, strict=True)
     streams = [_scalar(*name_and_unit, channel.data) for name_and_unit, channel in pairs]
     shift = _shift(streams, [log])
@@ -130,7 +103,7 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
     path: Path,
     name: str,
     stop: Stop,
-    vehicle: Vehicle,
+    vehicle: model.Vehicle,
     settings: Table,
     metrics: str,
     sources: Sequence[str],
@@ -171,7 +144,7 @@ class GrowingResult:
         file: BinaryIO,
         log: str,
         settings: Table,
-        vehicle: Vehicle,
+        vehicle: model.Vehicle,
         nothing: Mapping[int, Samples],
     ) -> None:
         self._file, self._log, self._vehicle, self._nothing = file, log, vehicle, dict(nothing)
@@ -183,11 +156,7 @@ class GrowingResult:
         file.flush()
 
     def add(self, samples: Mapping[int, Samples]) -> None:
-        """Writes the new samples of some axles as one chunk; axles may be new, too.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Writes the new samples of some axles, which may be new, as one chunk; raises OSError."""
         if not any(len(x.t) for x in samples.values()):
             return
         if self._shift is None:
@@ -234,8 +203,7 @@ class GrowingResult:
             inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
             streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
             for algo, (force, sigma, _) in x.estimates.items():
-                mu = physics.coefficient(force, self._vehicle, axle)
-                columns = force, mu, None, sigma
+                columns = force, physics.coefficient(force, self._vehicle, axle), None, sigma
                 streams.append(_stream(f"{topic}/estimate/{algo}", "Estimate", x.t, *columns))
             streams.append(_stream(f"{topic}/slip", "Slip", x.t, x.slip, None, None, None))
         return streams
@@ -279,7 +247,7 @@ def _digits(values: Floats | None) -> _Values | None:
 
 
 def _slip(
-    topic: str, t: Times, columns: Sequence[Floats | _Values | None], region: Regions | None
+    topic: str, t: Times, columns: Sequence[Floats | _Values | None], region: model.Regions | None
 ) -> _Stream:
     """Slip, coefficient, slope and its confidence, and the region where it is known."""
     doubles, message = _stream(f"{topic}/slip", "Slip", t, *columns), descriptors.message("Slip")
@@ -305,13 +273,13 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
         name = "train_acceleration" if train.is_rate else "train_speed"
         unit = names.SI["train_speed"] + "/s" * train.is_rate
         streams.append(_scalar(f"{prefix}/{name}", unit, train.data))
-    for meaning in PLACES:
+    for meaning in model.PLACES:
         if channel := result.log.find(meaning, 0):
             streams.append(_scalar(f"{prefix}/{meaning}", names.SI[meaning], channel.data))
-    for c in (c for c in result.log.channels if c.meaning in OTHER_BRAKES):
+    for c in (c for c in result.log.channels if c.meaning in model.OTHER_BRAKES):
         streams.append(_scalar(f"{prefix}/{c.meaning}", "", c.data))
     streams += _brake_signals(result.log, prefix).values()
-    return [*streams, *_events(of_result(result), prefix)]
+    return [*streams, *_events(log_events.of_result(result), prefix)]
 
 
 def _brake_signals(log: Log, prefix: str) -> dict[str, _Stream]:
@@ -325,11 +293,11 @@ def _brake_signals(log: Log, prefix: str) -> dict[str, _Stream]:
     return streams
 
 
-def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
+def _input_streams(record: model.AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
     """What was measured, and the truth, exactly: the log can be analysed again."""
     t, w = record.t, record.wheel_speed
     K = record.clamping_force if record.pressure is not None else record.friction_clamping
-    for meaning in MOTOR_FORCES:
+    for meaning in model.MOTOR_FORCES:
         if force := log.find(meaning, record.axle):
             yield _scalar(f"{topic}/{meaning}", names.SI[meaning], force.data)
     yield _stream(f"{topic}/input", "AxleInput", t, record.pressure, K, w, record.train_speed)
@@ -368,7 +336,7 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
         yield _slip(topic, t, (slip, mu(ref.force), slope, confidence), axle.region)
 
 
-def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
+def _stop_streams(stop: Stop, i: int, vehicle: model.Vehicle) -> Iterator[_Stream]:
     """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
     topic, t, F = f"/axle/{i + 1}", stop.t, stop.estimate[:, i]
     true_force, mu = stop.force[:, i], physics.coefficient(F, vehicle, i + 1)
@@ -390,7 +358,7 @@ def _stop_events(stop: Stop, i: int) -> Iterator[Event]:
     all_rows, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
     slides = events.slides(all_rows, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
     yield from events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i])
-    for lock_start, lock_stop in true_runs(wheel == LOCKED):
+    for lock_start, lock_stop in masks.true_runs(wheel == LOCKED):
         begin, stop_time = stop.t[[lock_start, min(lock_stop, len(stop.t) - 1)]].tolist()
         text = f"axle {i + 1}: locked for {(stop_time - begin) / 1e9:.2f} s"
         yield Event(begin, "wheel-locked", text, axle=i + 1)
@@ -420,7 +388,7 @@ def _origin_of(log: Log, shift: int) -> dict[str, str]:
 
 def _account(log: Log) -> dict[str, dict[str, str]]:
     """What the log had lost: fresh CRCs would let all of it look sound."""
-    return {RECOVERED: {"damage": log.account}} if log.account else {}
+    return {model.RECOVERED: {"damage": log.account}} if log.account else {}
 
 
 def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
@@ -432,7 +400,7 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     for axle in (a.record.axle for a in result.axles):
         if speed := result.log.find("wheel_speed", axle):
             entries[f"wheel_speed_{axle}"] = speed.measured_in
-        for meaning in MOTOR_FORCES:
+        for meaning in model.MOTOR_FORCES:
             if force := result.log.find(meaning, axle):
                 entries[f"{meaning}_tolerance"] = f"{force.tolerance:g}"
     for channel in result.log.channels:
@@ -440,19 +408,16 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
             words = (word.replace("\n", " ") for word in channel.levels)
             entries[words_key(channel.meaning, channel.axle)] = "\n".join(words)
     if any(a.record.train_speed_made for a in result.axles):
-        entries["train_speed"] = NOT_MEASURED
+        entries["train_speed"] = model.NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):
-        entries["train_speed"] = AS_INPUT
+        entries["train_speed"] = model.AS_INPUT
     if not full and any(map(thinning.needs_thinning, result.axles)):
         entries["thinned"] = thinning.THINNED_NOTE
     return entries
 
 
 def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
-    """What to add to every time stamp [ns]: MCAP has no time before zero.
-
-    A log without a calendar may start at −5 s; whole seconds are added, and provenance says so.
-    """
+    """What makes each stamp one that MCAP can hold [ns], whole seconds; provenance says so."""
     earliest = min((int(s.t.min()) for s in streams if len(s.t)), default=0)
     if earliest < 0 and all(log.absolute for log in logs):
         option = toml.option('channels.time = {channel = "NAME", unit = "s"}')
@@ -542,8 +507,7 @@ def _packed(streams: Sequence[_Stream], slices: list[slice], shift: int) -> mcap
         for i, (s, piece) in enumerate(zip(streams, slices, strict=True), 1)
         if piece.stop > piece.start
     ]
-    clock = np.concatenate([np.maximum.accumulate(r.t) for r in rows])
-    order = np.argsort(clock, kind="stable")
+    order = np.argsort(np.concatenate([np.maximum.accumulate(r.t) for r in rows]), kind="stable")
     sizes = np.concatenate([r.sizes for r in rows])
     row_ends = np.cumsum(sizes[order])
     row_starts = np.empty_like(row_ends)
@@ -606,7 +570,6 @@ def _layout(doubles: int, tail: int) -> np.dtype[np.void]:
 
     Numbers of a time stamp have one length, with leading zeros: a reader takes them as any others.
     """
-    values = [x for i in range(doubles) for x in ((f"tag_{i}", "u1"), (f"value_{i}", "<f8"))]
     return np.dtype(
         [
             ("opcode", "u1"),
@@ -620,7 +583,7 @@ def _layout(doubles: int, tail: int) -> np.dtype[np.void]:
             ("seconds", "u1", (_VARINT,)),
             ("nanos_tag", "u1"),
             ("nanos", "u1", (_VARINT,)),
-            *values,
+            *(x for i in range(doubles) for x in ((f"tag_{i}", "u1"), (f"value_{i}", "<f8"))),
             ("tail", "u1", (tail,)),
         ]
     )

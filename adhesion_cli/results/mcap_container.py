@@ -12,63 +12,46 @@ from typing import BinaryIO
 
 import numpy as np
 import zstandard
+from mcap import records
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from numpy.typing import NDArray
 
 from ..formats.mcap.records import MAGIC, written
 
 Offsets = NDArray[np.int64]
 # A chunk before it has a place in a file; log times [ns] and offsets of each channel's messages.
-Packed = tuple[Chunk, Mapping[int, Offsets]]  # (n, 2)
+Packed = tuple[records.Chunk, Mapping[int, Offsets]]  # (n, 2)
 
 
 def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Packed:
-    """Compresses messages; several threads may do so at once.
-
-    `index` has log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
-    """
-    chunk = Chunk(
+    """Compresses messages, in any thread; `index` has times [ns] and offsets by channel, (n, 2)."""
+    return records.Chunk(
         compression="zstd",
         data=zstandard.ZstdCompressor(level=level).compress(messages),
         message_start_time=int(min(entries[:, 0].min() for entries in index.values())),
         message_end_time=int(max(entries[:, 0].max() for entries in index.values())),
         uncompressed_crc=zlib.crc32(messages),
         uncompressed_size=len(messages),
-    )
-    return chunk, index
+    ), index
 
 
 class Container:
-    """A file that is written front to back: definitions before the chunks that use them.
-
-    The header says `profile` of the messages, and `library` of the program.
-    """
+    """A file that is written front to back: definitions before the chunks that use them."""
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
         self._file, self._offset, self._crc = file, 0, 0
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
         self._chunks = bytearray()  # their indexes as written: as objects they take ten times that
         self._chunk_count, self._times = 0, (0, 0)
-        self._metadata: list[MetadataIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._append(MAGIC)
-        self._append(written(Header(profile, library)))
+        self._append(written(records.Header(profile, library)))
 
-    def define(self, schemas: Collection[Schema], channels: Collection[Channel]) -> None:
+    def define(
+        self, schemas: Collection[records.Schema], channels: Collection[records.Channel]
+    ) -> None:
         """Adds definitions."""
         self._append(written(*schemas, *channels))
         self._schemas += schemas
@@ -76,8 +59,8 @@ class Container:
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
         """Adds named texts."""
-        offset, length = self._append(written(Metadata(name=name, metadata=entries)))
-        self._metadata.append(MetadataIndex(offset, length, name))
+        offset, length = self._append(written(records.Metadata(name=name, metadata=entries)))
+        self._metadata.append(records.MetadataIndex(offset, length, name))
 
     def chunk(self, packed: Packed) -> None:
         """Adds a chunk of messages."""
@@ -94,7 +77,7 @@ class Container:
         self._times = min(channel_times[0], times[0]), max(channel_times[1], times[1])
         self._chunk_count += 1
         self._chunks += written(
-            ChunkIndex(
+            records.ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=length,
                 compression=chunk.compression,
@@ -109,8 +92,8 @@ class Container:
 
     def finish(self) -> None:
         """Adds the summary and the end."""
-        self._append(written(DataEnd(self._crc)))
-        statistics = Statistics(
+        self._append(written(records.DataEnd(self._crc)))
+        statistics = records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),
@@ -131,9 +114,9 @@ class Container:
         start, summary, offsets = self._offset, b"", []
         for opcode, group in groups.items():
             if group:
-                offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+                offsets.append(records.SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
-        footer = Footer(start, start + len(summary), 0)
+        footer = records.Footer(start, start + len(summary), 0)
         summary += written(*offsets)
         footer.summary_crc = zlib.crc32(summary + written(footer)[:-4])
         self._append(summary + written(footer) + MAGIC)

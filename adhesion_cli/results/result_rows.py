@@ -5,20 +5,8 @@ from collections.abc import Sequence
 from ..core.model import Score
 from ..core.summary import BrakeApplication, ChannelSummary, Contribution, SlideSummary
 from ..rail.highest import is_known
-from .text_tables import (
-    DASH,
-    ED,
-    NOT_KNOWN,
-    bounded_number,
-    coefficient_text,
-    energy_text,
-    non_empty,
-    number,
-    share_with_interval,
-    slip_text,
-    when_and_where,
-    with_u95,
-)
+from . import text_tables
+from .text_tables import DASH, number, when_and_where, with_u95
 
 _OF_SHARES = (
     " A share above 100 % is one of correlated quantities: their errors cancel in part, and others "
@@ -31,14 +19,10 @@ OF_BUDGETS = (
 )
 
 
-def has_known_mean(a: BrakeApplication) -> bool:
-    """Whether the interval of its mean µ says anything, and so that of its mean force."""
-    return a.coefficient is None or is_known(a.coefficient.mean, a.coefficient.mean_u95)
-
-
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
-    mu, force, known = a.coefficient, a.force_n, has_known_mean(a)
+    mu, force = a.coefficient, a.force_n
+    known = mu is None or is_known(mu.mean, mu.mean_u95)  # and so is the mean force
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
@@ -47,15 +31,15 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
         "µ mean": mean_coefficient(a),
         "µ max": with_u95(mu and mu[2:], 1.0, 3),
-        "F [kN]": with_u95(force, 1e-3, 2) if known or not force else NOT_KNOWN,
+        "F [kN]": with_u95(force, 1e-3, 2) if known or not force else text_tables.NOT_KNOWN,
         "Fmax [kN]": with_u95(force and force[2:], 1e-3, 2),
-        **({ED: with_u95(a.ed_share, 100.0, 0)} if a.ed_share else {}),
+        **({text_tables.ED: with_u95(a.ed_share, 100.0, 0)} if a.ed_share else {}),
     }
 
 
 def mean_coefficient(a: BrakeApplication) -> str:
     """The mean µ of a brake application."""
-    return coefficient_text(a.coefficient, a.other_brake)
+    return text_tables.coefficient_text(a.coefficient, a.other_brake)
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
@@ -71,12 +55,12 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "at [s]": "≤ " * bound + number(first.start_s, 1),
         **when_and_where(first.time, km),
         "slides": str(a.slides),
-        "for [s]": bounded_number(a.slide_s, 1, bound),
-        "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
-        "max slip [%]": slip_text(a.max_slip, bound),
+        "for [s]": text_tables.bounded_number(a.slide_s, 1, bound),
+        "distance [m]": text_tables.bounded_number(a.slide_distance_m, 0, bound),
+        "max slip [%]": text_tables.slip_text(a.max_slip, bound),
         **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
-        "energy [kJ]": energy_text(a.slide_energy_j, a.slide_energy_u95_j, bound),
-        "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
+        "energy [kJ]": text_tables.energy_text(a.slide_energy_j, a.slide_energy_u95_j, bound),
+        "used [%]": text_tables.share_with_interval(a.utilisation, a.utilisation_ci),
     }
 
 
@@ -104,7 +88,7 @@ def score_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
         }
         for s in scores
     ]
-    return non_empty(rows)
+    return text_tables.non_empty(rows)
 
 
 def channel_row(c: ChannelSummary) -> dict[str, str]:

@@ -6,16 +6,8 @@ from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..rail.rail_under_slides import Summary
 from ..records.route import NOWHERE, Route
-from .text_tables import (
-    NARROW,
-    bounded_number,
-    folded,
-    number,
-    records,
-    slip_text,
-    table,
-    when_and_where,
-)
+from . import text_tables
+from .text_tables import bounded_number, number, when_and_where
 
 OF_CURVE = (
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
@@ -26,12 +18,12 @@ _CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
 
 def note(summary: Summary, start_ns: int, route: Route = NOWHERE) -> str:
     """What a recording says of an axle: as `table`, without regions."""
-    width, rail = NARROW, summary.rail
+    width, rail = text_tables.NARROW, summary.rail
     values = [*rail_row(rail).items(), *constants([rail])] if rail else []
-    blocks = [table(["axle", str(summary.axle)], values, width=width)] if rail else []
-    blocks += [folded(OF_CURVE, width=width)] if rail else []
+    blocks = [text_tables.table(["axle", str(summary.axle)], values, width=width)] if rail else []
+    blocks += [text_tables.folded(OF_CURVE, width=width)] if rail else []
     if slides := slide_rows([summary], start_ns, route):
-        blocks.append(records(slides, width))
+        blocks.append(text_tables.records(slides, width))
     return "\n".join(blocks) or "no slide"
 
 
@@ -96,6 +88,6 @@ def slide_row(axle: int, slide: Slide, start_ns: int, route: Route = NOWHERE) ->
         **when_and_where(place.time, km),
         "duration [s]": bounded_number(slide.duration, 2, bound),
         "distance [m]": bounded_number(slide.distance, 1, bound),
-        "max slip [%]": slip_text(slide.max_slip, bound),
+        "max slip [%]": text_tables.slip_text(slide.max_slip, bound),
         "energy [kJ]": bounded_number(slide.energy and slide.energy / 1e3, 1, bound),
     }

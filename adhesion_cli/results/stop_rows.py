@@ -6,33 +6,11 @@ from pathlib import Path
 
 from ..core.summary import AxleStop, StopSummary
 from ..core.text import by_uncertainty, enumerated
+from ..stops import series
 from ..stops.axle_stops import SLIP_BANDS
-from ..stops.series import (
-    QUANTITIES,
-    Group,
-    GroupDifference,
-    LimitVerdict,
-    SeriesStop,
-    StopSeries,
-    WspSummary,
-    braked_weight_percentage,
-)
-from .text_tables import (
-    DASH,
-    DOUBT,
-    ED,
-    TitledTable,
-    bounded_number,
-    coefficient_text,
-    columns_of,
-    describe_cells,
-    doubted,
-    non_empty,
-    number,
-    share_with_interval,
-    when_and_where,
-    with_u95,
-)
+from ..stops.series import QUANTITIES, SeriesStop, StopSeries
+from . import text_tables
+from .text_tables import DASH, ED, TitledTable, number, with_u95
 
 _NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -93,8 +71,8 @@ _OF_WSP = (
     "the speeds, and at least 1\N{NO-BREAK SPACE}%."
 )
 _OF_DOUBT = (
-    f"{DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong with it. The "
-    "findings say more."
+    f"{text_tables.DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong "
+    "with it. The findings say more."
 )
 _OF_EQUIVALENT = (
     "A limit of a equiv. may be kept by a train that never decelerates so hard: compare a, its "
@@ -145,7 +123,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
     """A stop: when, from which speed, distance, deceleration, response."""
     return {
         "at [s]": number(s.start_s, 1),
-        **when_and_where(s.time, s.kilometre),
+        **text_tables.when_and_where(s.time, s.kilometre),
         "v0 [km/h]": with_u95(s.initial_speed_mps, 3.6, 1),
         "distance [m]": with_u95(s.distance_m, 1.0, 1),
         "time [s]": with_u95(s.duration_s, 1.0, 2),
@@ -155,7 +133,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "response [s]": with_u95(s.response_time_s, 1.0, 2),
         "jerk [m/s³]": with_u95(s.jerk, 1.0, 2),
         "level [m]": with_u95(s.corrected_distance_m, 1.0, 1),
-        "µ": coefficient_text(s.coefficient, s.other_brake),
+        "µ": text_tables.coefficient_text(s.coefficient, s.other_brake),
         **({ED: with_u95(s.ed_share, 100.0, 0)} if s.ed_share else {}),
     }
 
@@ -184,15 +162,12 @@ def describe_reasons(stops: Sequence[StopSummary]) -> str:
 
 
 def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
-    """The tables of a series, those with rows.
-
-    With `braked_weight` and `budget` these are among them.
-    """
+    """The tables of a series with rows; those of `braked_weight` and `budget` on request."""
     stops = x.stops
     in_order = [s.stop for s in stops]
     rows = _series_rows(stops)
     notes = [describe_columns(rows), describe_sources(in_order), *_remarks(stops)]
-    note = "\n".join(filter(None, [*notes, describe_cells(rows)]))
+    note = "\n".join(filter(None, [*notes, text_tables.describe_cells(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     of_groups += _OF_WIDE_INTERVALS * any(1 < g.n < _FEW_STOPS for g in x.groups)
     tables = [
@@ -223,8 +198,8 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         for i, s in enumerate(stops, 1)
     ]
     for row, s in zip(rows, stops, strict=True):
-        row["µ"] = doubted(row["µ"], s.vehicle_in_doubt)
-    return non_empty(rows)
+        row["µ"] = text_tables.doubted(row["µ"], s.vehicle_in_doubt)
+    return text_tables.non_empty(rows)
 
 
 def _response_table(stops: Sequence[SeriesStop]) -> TitledTable:
@@ -243,7 +218,7 @@ def _response_table(stops: Sequence[SeriesStop]) -> TitledTable:
     ]
     is_undefined = any(row["response [s]"] == DASH for row in rows)
     note = _OF_RESPONSE + _OF_NO_RESPONSE * is_undefined
-    return TitledTable("Response of the brakes", non_empty(rows), 2, note)
+    return TitledTable("Response of the brakes", text_tables.non_empty(rows), 2, note)
 
 
 def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
@@ -313,7 +288,7 @@ def _describe_slides(stop: StopSummary) -> str:
     return "; ".join(events)
 
 
-def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
+def _group_rows(groups: Sequence[series.Group]) -> list[dict[str, str]]:
     rows = []
     for group in groups:
         if group.n == 1:
@@ -333,7 +308,7 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
             }
             rows.append(row)
-    return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
+    return [{name: row.get(name, DASH) for name in text_tables.columns_of(rows)} for row in rows]
 
 
 def _uncertainty(x: float | None) -> str:
@@ -341,7 +316,7 @@ def _uncertainty(x: float | None) -> str:
     return DASH if x is None else by_uncertainty(0.0, x)[1]
 
 
-def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
+def _difference_rows(differences: Sequence[series.GroupDifference]) -> list[dict[str, str]]:
     rows = []
     for x in differences:
         name, factor = _named(x.quantity)
@@ -371,16 +346,16 @@ def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
             row["a [m/s²]"] = with_u95((mean.mean, mean.u95))
         row |= {"verdict": x.verdict, "stops": _describe_stops(x)}
         rows.append(row | ({"limit of": x.source} if x.source else {}))
-    return non_empty(rows)
+    return text_tables.non_empty(rows)
 
 
-def _describe_stops(x: LimitVerdict) -> str:
+def _describe_stops(x: series.LimitVerdict) -> str:
     """How many stops keep a limit, and how many do not."""
     counts = {"pass": x.stops_pass, "fail": x.stops_fail, "undecided": x.stops_undecided}
     return ", ".join(f"{n} {verdict}" for verdict, n in counts.items() if n) or DASH
 
 
-def _wsp_table(x: WspSummary) -> TitledTable:
+def _wsp_table(x: series.WspSummary) -> TitledTable:
     """The axles of the wet stops below their extension, in one sentence."""
     head = f"WSP, group {x.group} against {x.dry}: "
     if x.extension is None or x.extension_u95 is None:
@@ -394,22 +369,26 @@ def _wsp_table(x: WspSummary) -> TitledTable:
     if x.sanding_s is not None:
         head += f" Sanding: {x.sanding_s:.1f} s in a stop."
     rows = _wsp_rows(x)
-    notes = [head, *([_OF_WSP, describe_cells(rows)] if rows else [])]
+    notes = [head, *([_OF_WSP, text_tables.describe_cells(rows)] if rows else [])]
     return TitledTable(_WSP, rows, 1, "\n".join(filter(None, notes)))
 
 
-def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
+def _wsp_rows(x: series.WspSummary) -> list[dict[str, str]]:
     return [
         {
             "axle": str(a.axle),
-            "max slip [%]": bounded_number(a.max_slip and 100.0 * a.max_slip, 1, a.at_least),
+            "max slip [%]": text_tables.bounded_number(
+                a.max_slip and 100.0 * a.max_slip, 1, a.at_least
+            ),
             "locked [s]": number(a.locked_s, 2),
             "longest": number(a.longest_lock_s, 2),
             "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),
             "valve actions": str(a.valve_actions),
-            "initial µ": doubted(_initial(a), x.vehicle_in_doubt),
-            "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
-            "energy [kJ]": bounded_number(a.energy_j and 1e-3 * a.energy_j, 0, a.at_least),
+            "initial µ": text_tables.doubted(_initial(a), x.vehicle_in_doubt),
+            "used [%]": text_tables.share_with_interval(a.utilisation, a.utilisation_ci),
+            "energy [kJ]": text_tables.bounded_number(
+                a.energy_j and 1e-3 * a.energy_j, 0, a.at_least
+            ),
             **_bands(a),
         }
         for a in x.axles
@@ -419,7 +398,7 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
 def _initial(a: AxleStop) -> str:
     """The initial adhesion with its uncertainty; a dash without a slide."""
     value, u95 = a.initial_coefficient, a.initial_coefficient_u95
-    return DASH if value is None or u95 is None else coefficient_text((value, u95))
+    return DASH if value is None or u95 is None else text_tables.coefficient_text((value, u95))
 
 
 def _bands(a: AxleStop) -> dict[str, str]:
@@ -437,16 +416,13 @@ def _braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     rows = []
     for i, s in enumerate(stops, 1):
         level = s.measured("corrected_distance_m")
-        value = level and braked_weight_percentage(s.stop.nominal_speed_kmh, level)
+        value = level and series.braked_weight_percentage(s.stop.nominal_speed_kmh, level)
         rows.append({"stop": str(i), "group": s.group, "λ [%]": with_u95(value, 1.0, 0)})
     return rows
 
 
 def _budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
-    """What each source of error adds to the distance of each stop; sources that add nothing aside.
-
-    A star marks the sources that are the same in every stop.
-    """
+    """What each source of error adds to the distance of each stop; a star: one for all."""
     sources = {
         c.source: f"{c.source}{'*' * c.common} [m]"
         for s in stops

@@ -16,33 +16,13 @@ from typing import Annotated, Any
 import pyarrow as pa
 from pyarrow import parquet
 
+from ..core import errors, finding, summary
 from ..core.annotated import columns, flat
-from ..core.errors import UserError
-from ..core.finding import is_lossy
 from ..core.model import Log, Quantity, Score
-from ..core.summary import (
-    AxleStop,
-    AxleSummary,
-    BrakeApplication,
-    FailedLog,
-    FindingSummary,
-    InspectedChannel,
-    LogSummary,
-    ResultSummary,
-    SlideSummary,
-    SlipSummary,
-    StopSummary,
-)
+from ..core.summary import AxleSummary, FailedLog, LogSummary, ResultSummary
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
-from ..stops.series import (
-    GroupDifference,
-    LimitVerdict,
-    SeriesStop,
-    Statistic,
-    StopSeries,
-    WspSummary,
-)
+from ..stops import series
 from . import names
 from .workbook import Sheet, write_workbook
 
@@ -90,15 +70,15 @@ def _schema(cls: type, **keys: type) -> Any:
     return pa.schema([*heads, *(_field(c.name, _TYPES[c.type], c.unit) for c in columns(cls))])
 
 
-APPLICATIONS = _schema(BrakeApplication, log=str, sha256=str, axle=int)
+APPLICATIONS = _schema(summary.BrakeApplication, log=str, sha256=str, axle=int)
 ESTIMATORS = _schema(Score, log=str, sha256=str, axle=int)
-FINDINGS = _schema(FindingSummary, log=str, sha256=str)
+FINDINGS = _schema(summary.FindingSummary, log=str, sha256=str)
 LOGS = _schema(LogRow)
-STOPS = _schema(StopSummary, log=str, sha256=str)
-SERIES = _schema(StopSummary, log=str, group=str, label=str, vehicle_in_doubt=bool)
-SLIDES = _schema(SlideSummary, log=str, axle=int)
-RAILS = _schema(SlipSummary)
-CHANNELS = _schema(InspectedChannel)
+STOPS = _schema(summary.StopSummary, log=str, sha256=str)
+SERIES = _schema(summary.StopSummary, log=str, group=str, label=str, vehicle_in_doubt=bool)
+SLIDES = _schema(summary.SlideSummary, log=str, axle=int)
+RAILS = _schema(summary.SlipSummary)
+CHANNELS = _schema(summary.InspectedChannel)
 PARAMETERS = _schema(CalibratedParameter, parameter=str)
 
 
@@ -126,33 +106,28 @@ _OF_RESULTS: dict[str, tuple[Any, Callable[[ResultSummary], _Rows]]] = {
 def of_results(name: str, results: Iterable[ResultSummary]) -> Any:
     """A `pyarrow.Table` of results: applications, stops, slides, estimators or findings."""
     schema, rows = _OF_RESULTS[name]
-    return _table((_log(r.log) | keys | flat(x) for r in results for keys, x in rows(r)), schema)
+    return keyed(((keys_of_log(r.log) | keys, x) for r in results for keys, x in rows(r)), schema)
 
 
-def stops_of_series(stops: Iterable[SeriesStop]) -> Any:
-    """A row per stop of a series; the schema is `SERIES`."""
-    rows = (
-        {
-            "log": utf8(s.log),
-            "group": s.group,
-            "label": s.label,
-            "vehicle_in_doubt": s.vehicle_in_doubt,
-            **flat(s.stop),
-        }
-        for s in stops
-    )
-    return _table(rows, SERIES)
-
-
-def sheets_of_series(x: StopSeries, logs: Iterable[tuple[str, Iterable[AxleSummary]]]) -> Any:
-    """The tables of a series by their names, the stops first; without the others that are empty.
-
-    `logs` are paths and axles, whose slides are one of the tables.
-    """
+def sheets_of_series(
+    x: series.StopSeries, logs: Iterable[tuple[str, Iterable[AxleSummary]]] = ()
+) -> Any:
+    """The tables of a series by name, those with rows; `logs` are paths and axles with slides."""
+    stops = [
+        (
+            {
+                "log": utf8(s.log),
+                "group": s.group,
+                "label": s.label,
+                "vehicle_in_doubt": s.vehicle_in_doubt,
+            },
+            s.stop,
+        )
+        for s in x.stops
+    ]
     groups = [
         ({"group": g.name, "quantity": k}, y) for g in x.groups for k, y in g.statistics.items()
     ]
-    wsp_axles = [({"group": wsp.group}, axle) for wsp in x.wsp for axle in wsp.axles]
     slides = [
         ({"log": utf8(path), "axle": a.axle}, slide)
         for path, axles in logs
@@ -161,42 +136,40 @@ def sheets_of_series(x: StopSeries, logs: Iterable[tuple[str, Iterable[AxleSumma
         for slide in application.slide_list
     ]
     sheets: dict[str, tuple[Any, Sequence[tuple[Mapping[str, object], object]]]] = {
-        "groups": (_schema(Statistic, group=str, quantity=str), groups),
-        "differences": (_schema(GroupDifference), [({}, y) for y in x.differences]),
-        "limits": (_schema(LimitVerdict), [({}, y) for y in x.limits]),
-        "wsp": (_schema(WspSummary), [({}, y) for y in x.wsp]),
-        "wsp axles": (_schema(AxleStop, group=str), wsp_axles),
+        "stops": (SERIES, stops),
+        "groups": (_schema(series.Statistic, group=str, quantity=str), groups),
+        "differences": (_schema(series.GroupDifference), [({}, y) for y in x.differences]),
+        "limits": (_schema(series.LimitVerdict), [({}, y) for y in x.limits]),
+        "wsp": (_schema(series.WspSummary), [({}, y) for y in x.wsp]),
+        "wsp axles": (
+            _schema(summary.AxleStop, group=str),
+            [({"group": wsp.group}, axle) for wsp in x.wsp for axle in wsp.axles],
+        ),
         "slides": (SLIDES, slides),
     }
-    return {"stops": stops_of_series(x.stops)} | {
-        name: _table([{**keys, **flat(y)} for keys, y in rows], schema)
+    return {
+        name: keyed(rows, schema)
         for name, (schema, rows) in sheets.items()
-        if rows
+        if rows or name == "stops"
     }
 
 
-def findings_of(log: Log, rows: Iterable[FindingSummary]) -> Any:
-    """The findings of a log that was not analysed; the schema is `FINDINGS`."""
-    return _table((_log(log) | flat(f) for f in rows), FINDINGS)
-
-
-def slides(axles: Iterable[SlipSummary]) -> Any:
-    """A row per axle and slide; the schema is `SLIDES`."""
-    rows = ({"log": a.log, "axle": a.axle, **flat(x)} for a in axles for x in a.slides)
-    return _table(rows, SLIDES)
+def keyed(rows: Iterable[tuple[Mapping[str, object], object]], schema: Any) -> Any:
+    """A row per object, each after the cells that say whose it is."""
+    return pa.Table.from_pylist([{**keys, **flat(x)} for keys, x in rows], schema=schema)
 
 
 def table(rows: Iterable[object], schema: Any) -> Any:
     """A row per object, as a slip summary, a channel or a log; `schema` is that of their class."""
-    return _table(map(flat, rows), schema)
+    return keyed((({}, x) for x in rows), schema)
 
 
-def parameters(rows: Mapping[str, CalibratedParameter]) -> Any:
-    """A row per parameter of a calibrated vehicle; the schema is `PARAMETERS`."""
-    return _table(({"parameter": name, **flat(row)} for name, row in rows.items()), PARAMETERS)
+def keys_of_log(log: Log | LogSummary) -> dict[str, object]:
+    """The cells that say of which log a row is."""
+    return {"log": utf8(log.path), "sha256": log.sha256}
 
 
-def series(arrays: Mapping[str, tuple[Any, str]]) -> Any:
+def columns_table(arrays: Mapping[str, tuple[Any, str]]) -> Any:
     """Arrays of one length (n,), each with its unit, as a table: a field each."""
     fields = [_field(name, pa.array(x[:0]).type, unit) for name, (x, unit) in arrays.items()]
     return pa.table([pa.array(x) for x, _ in arrays.values()], schema=pa.schema(fields))
@@ -212,7 +185,7 @@ def log_row(result: ResultSummary | FailedLog) -> LogRow:
         log=utf8(log.path),
         sha256=log.sha256,
         status="damaged" if any(severity == "error" for _, severity in codes) else "ok",
-        lossy=any(is_lossy(*pair) for pair in codes),
+        lossy=any(finding.is_lossy(*pair) for pair in codes),
         format=log.format,
         start=datetime.fromisoformat(log.start) if log.start else None,
         duration_s=log.duration_s,
@@ -222,23 +195,16 @@ def log_row(result: ResultSummary | FailedLog) -> LogRow:
 
 
 def kind(path: Path) -> str:
-    """The format that a table's name states: its suffix.
-
-    Raises:
-        UserError: for another suffix.
-    """
+    """The format that a table's name states, its suffix; a UserError for another one."""
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".parquet", ".xlsx"):
         text, hint = f"{path}: a table is CSV, Parquet or Excel", f"--table {path.stem}.xlsx"
-        raise UserError(text, hint, code=2)
+        raise errors.UserError(text, hint, code=2)
     return suffix
 
 
 def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
-    """Write tables in the format of a suffix, see `kind`.
-
-    A workbook holds all tables, by the names of their sheets, other files the first one.
-    """
+    """Write tables in the format of a suffix, see `kind`: a workbook has all, others the first."""
     first_table = next(iter(sheets.values()))
     if suffix == ".xlsx":
         tables = {name: Sheet(x.schema, len(x), x.to_batches()) for name, x in sheets.items()}
@@ -268,11 +234,3 @@ def packed(table: Any) -> bytes:
     sink = io.BytesIO()
     parquet.write_table(table, sink, compression="zstd", write_page_checksum=True)
     return sink.getvalue()
-
-
-def _table(rows: Iterable[Mapping[str, object]], schema: Any) -> Any:
-    return pa.Table.from_pylist(list(rows), schema=schema)
-
-
-def _log(log: Log | LogSummary) -> dict[str, object]:
-    return {"log": utf8(log.path), "sha256": log.sha256}

@@ -144,10 +144,7 @@ def folded(text: str, indent: str = "", width: int | None = None) -> str:
 
 
 def when_and_where(time: str | None, km: float | None = None) -> dict[str, str]:
-    """The columns of the log's clock and of the position on the line, where a log has them.
-
-    `time` is ISO 8601, None without a calendar.
-    """
+    """The columns of the log's clock, from ISO 8601, and of the position, where a log has them."""
     clock = {"clock": time.partition("T")[2][:8]} if time else {}
     return clock if km is None else clock | {"km": number(km, 3)}
 
@@ -248,5 +245,4 @@ def describe_cells(rows: Iterable[Mapping[str, str]]) -> str:
     """What a mark behind a number means, and why cells are not known; "" where there is neither."""
     cells = [cell for row in rows for cell in row.values()]
     is_marked = any("±" in cell and cell.endswith(MARK) for cell in cells)
-    notes = [_OF_MARK * is_marked, _OF_NOT_KNOWN * (NOT_KNOWN in cells)]
-    return " ".join(filter(None, notes))
+    return " ".join(filter(None, [_OF_MARK * is_marked, _OF_NOT_KNOWN * (NOT_KNOWN in cells)]))

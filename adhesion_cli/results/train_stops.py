@@ -5,15 +5,8 @@ from types import MappingProxyType
 
 from ..core.summary import AxleSummary, BrakeApplication
 from ..rail.highest import is_known
-from .text_tables import (
-    DASH,
-    NOT_KNOWN,
-    bounded_number,
-    number,
-    slip_text,
-    when_and_where,
-    with_u95,
-)
+from . import text_tables
+from .text_tables import DASH, number, slip_text, when_and_where
 
 MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
 MANY_AXLES = 8  # with more, an overview has groups of axles
@@ -50,9 +43,9 @@ def train_stop_row(applications: Sequence[BrakeApplication]) -> dict[str, str]:
         values = [x.mean for x in coefficients]
         u95 = max(x.mean_u95 for x in coefficients)  # mostly the vehicle's: one error in all
         value = sum(values) / len(values)
-        mean = mean_range = NOT_KNOWN
+        mean = mean_range = text_tables.NOT_KNOWN
         if is_known(value, u95):
-            mean, mean_range = with_u95((value, u95), 1.0, 3), _range(values)
+            mean, mean_range = text_tables.with_u95((value, u95), 1.0, 3), _range(values)
     first = min(applications, key=lambda a: a.start_s)
     return {
         "at [s]": number(first.start_s, 1),
@@ -62,7 +55,7 @@ def train_stop_row(applications: Sequence[BrakeApplication]) -> dict[str, str]:
         "µ mean": mean,
         "µ of axles": mean_range,
         "slid": f"{len({a.axle for a in slid})} of {len({a.axle for a in applications})}",
-        "slid [s]": bounded_number(worst.slide_s, 1, worst.at_least) if slid else DASH,
+        "slid [s]": text_tables.bounded_number(worst.slide_s, 1, worst.at_least) if slid else DASH,
         "max slip [%]": slip_text(worst.max_slip, worst.at_least) if slid else DASH,
         "axle": str(worst.axle) if slid else DASH,
     }
@@ -112,7 +105,7 @@ def group_row(name: str, axles: Sequence[AxleSummary]) -> dict[str, str]:
     row = {
         "axles": name,
         "brake applications": str(len(applications)),
-        "µ mean": _range(means) if means else NOT_KNOWN if coefficients else DASH,
+        "µ mean": _range(means) if means else text_tables.NOT_KNOWN if coefficients else DASH,
         "with slides": str(len(slid)),
     }
     if not slid:

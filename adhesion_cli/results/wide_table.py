@@ -6,9 +6,9 @@ begins below. Clock times are in UTC to the nanosecond. Others are seconds, whic
 nanoseconds apart after 50 days.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,11 +16,26 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow.csv import CSVWriter, WriteOptions
 
+from ..core.errors import UserError
 from ..core.model import Log, Times
 from ..core.text import distinct
-from . import names, workbook
+from . import mcap, names, workbook
 
 _ROWS = 1 << 16  # made at once
+
+
+def writer(target: Path) -> Callable[[Path, Log], None]:
+    """What writes a log, to a path, in the format of `target`'s suffix; a UserError for none."""
+    writers = {
+        ".csv": write_csv,
+        ".mcap": mcap.write_log,
+        ".parquet": write_parquet,
+        ".xlsx": write_workbook,
+    }
+    if target.suffix.lower() not in writers:
+        text = f"{target}: unknown format {target.suffix!r}"
+        raise UserError(text, f"end it with one of {', '.join(writers)}", code=2)
+    return writers[target.suffix.lower()]
 
 
 def write_csv(path: Path, log: Log) -> None:
@@ -30,9 +45,9 @@ def write_csv(path: Path, log: Log) -> None:
     time_type = pa.string() if log.absolute else pa.float64()
     schema = pa.schema(list(zip(titles, [time_type, *types], strict=True)))
     options = WriteOptions(quoting_style="none")  # no cell below the head has a comma
-    with path.open("wb") as file, CSVWriter(file, schema, write_options=options) as writer:
-        for batch in _batches(log, schema):
-            writer.write_batch(batch)
+    with path.open("wb") as file, CSVWriter(file, schema, write_options=options) as rows:
+        for batch in _batches(log, schema, *_rows(log)):
+            rows.write_batch(batch)
 
 
 def write_parquet(path: Path, log: Log) -> None:
@@ -46,21 +61,17 @@ def write_parquet(path: Path, log: Log) -> None:
         for title, (_, unit), kind in zip(titles, channels, _types(log), strict=True)
     )
     options = {"compression": "zstd", "write_page_checksum": True}
-    with path.open("wb") as file, ParquetWriter(file, schema, **options) as writer:
-        for batch in _batches(log, schema):
-            writer.write_batch(batch)
+    with path.open("wb") as file, ParquetWriter(file, schema, **options) as rows:
+        for batch in _batches(log, schema, *_rows(log)):
+            rows.write_batch(batch)
 
 
 def write_workbook(path: Path, log: Log) -> None:
-    """The same as an Excel workbook, whose time stamps hold microseconds.
-
-    Raises:
-        UserError: the log has more rows or channels than a sheet holds.
-    """
+    """The same as an Excel workbook, whose time stamps hold microseconds; raises as `workbook`."""
     schema = pa.schema(list(zip(_titles(log), _types(log), strict=True)))
-    axes = _axes(log)
-    rows = sum(len(_rows(axes, x)[0]) for x in _slices(axes))
-    workbook.write_workbook(path, {"log": workbook.Sheet(schema, rows, _batches(log, schema))})
+    t, rows = _rows(log)
+    sheet = workbook.Sheet(schema, len(t), _batches(log, schema, t, rows))
+    workbook.write_workbook(path, {"log": sheet})
 
 
 def _titles(log: Log) -> Iterator[str]:
@@ -75,17 +86,20 @@ def _types(log: Log) -> list[Any]:
     return [time] + [pa.float64()] * len(log.channels)
 
 
-def _batches(log: Log, schema: Any) -> Iterator[Any]:
+_RowsOfAxes = dict[int, NDArray[np.int64]]  # of the samples, by the identity of their times
+
+
+def _batches(log: Log, schema: Any, t: Times, rows: _RowsOfAxes) -> Iterator[Any]:
     """The rows in order, some at once; a channel's column is null where it has no value."""
-    axes = _axes(log)
-    for slices in _slices(axes):
-        t, rows = _rows(axes, slices)
-        columns = [_time_column(t, schema.types[0])]
+    for first in range(0, len(t), _ROWS):
+        times = t[first : first + _ROWS]
+        columns = [_time_column(times, schema.types[0])]
         for data in (channel.data for channel in log.channels):
-            values, has_value = np.zeros(len(t)), np.zeros(len(t), bool)
-            row, piece = rows[id(data.t)], slices[id(data.t)]
-            values[row] = data.value[piece]
-            has_value[row] = data.valid[piece]
+            values, has_value = np.zeros(len(times)), np.zeros(len(times), bool)
+            places = rows[id(data.t)]  # which rise
+            piece = slice(*np.searchsorted(places, [first, first + len(times)]))
+            values[places[piece] - first] = data.value[piece]
+            has_value[places[piece] - first] = data.valid[piece]
             columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
         yield pa.record_batch(columns, schema=schema)
 
@@ -97,67 +111,32 @@ def _time_column(t: Times, kind: Any) -> Any:
     if pa.types.is_timestamp(kind):
         return pa.array(t, kind)
     # Arrow writes a text with its zone only where the system has a database of time zones.
-    text = pa.array(t, pa.timestamp("ns")).cast(pa.string())
-    return pc.binary_join_element_wise(text, "Z", "")
+    return pc.binary_join_element_wise(pa.array(t, pa.timestamp("ns")).cast(pa.string()), "Z", "")
 
 
-class _Axis(NamedTuple):
-    """The time of channels, and its passes: it jumps back between two."""
-
-    t: Times
-    edges: NDArray[np.int64]  # where each begins, and the end
-
-    def place(self, row: int) -> tuple[int, int]:
-        """The pass of a sample, and its stamp."""
-        return int(np.searchsorted(self.edges, row, side="right")) - 1, int(self.t[row])
-
-    def row_past(self, place: tuple[int, int]) -> int:
-        """The first sample behind a place."""
-        start, stop = self.edges[np.minimum([place[0], place[0] + 1], len(self.edges) - 1)]
-        return int(start + np.searchsorted(self.t[start:stop], place[1], side="right"))
-
-
-def _axes(log: Log) -> dict[int, _Axis]:
-    """The times of the channels, by the identity of their arrays."""
-    return {
-        id(t): _Axis(t, np.concatenate([[0], np.flatnonzero(t[1:] < t[:-1]) + 1, [len(t)]]))
-        for t in (c.data.t for c in log.channels)
-    }
-
-
-def _slices(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:
-    """The samples of each axis that are written at once, to the same place in all of them."""
-    positions = dict.fromkeys(axes, 0)
-    while unfinished := [key for key, axis in axes.items() if positions[key] < len(axis.t)]:
-        last_place = min(
-            axes[key].place(min(positions[key] + _ROWS, len(axes[key].t)) - 1) for key in unfinished
-        )
-        stops = {key: axis.row_past(last_place) for key, axis in axes.items()}
-        yield {key: slice(positions[key], stop) for key, stop in stops.items()}
-        positions = stops
-
-
-def _rows(
-    axes: dict[int, _Axis], slices: dict[int, slice]
-) -> tuple[Times, dict[int, NDArray[np.int64]]]:
-    """One row per distinct time stamp, and the row of each sample of each axis.
+def _rows(log: Log) -> tuple[Times, _RowsOfAxes]:
+    """One row per distinct time stamp, and the row of each sample.
 
     A stamp that an axis repeats, or comes back to, gets its own row. A row is identified by
     (how often the time has jumped back, stamp, how often it repeated just now).
     """
-    table = np.concatenate([_keys(axes[key], piece) for key, piece in slices.items()], axis=1)
+    axes = {id(c.data.t): c.data.t for c in log.channels}
+    if len(axes) == 1:
+        ((axis, t),) = axes.items()
+        return t, {axis: np.arange(len(t))}
+    table = np.concatenate([np.empty((3, 0), np.int64), *map(_keys, axes.values())], axis=1)
     order = np.lexsort(table[::-1])
     table = table[:, order]
     is_new = np.ones(len(order), bool)
     is_new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
     row = np.empty(len(order), np.int64)
     row[order] = np.cumsum(is_new) - 1
-    slice_ends = np.cumsum([piece.stop - piece.start for piece in slices.values()])
-    return table[1, is_new], dict(zip(slices, np.split(row, slice_ends[:-1]), strict=True))
+    ends = np.cumsum([len(t) for t in axes.values()])
+    return table[1, is_new], dict(zip(axes, np.split(row, ends[:-1]), strict=False))
 
 
-def _keys(axis: _Axis, piece: slice) -> NDArray[np.int64]:
-    t, number = axis.t[piece], np.arange(piece.start, piece.stop)
+def _keys(t: Times) -> NDArray[np.int64]:
+    number = np.arange(len(t))
     is_new = np.diff(t, prepend=t[:1] - 1) != 0
     repeated = number - np.maximum.accumulate(np.where(is_new, number, 0))
-    return np.stack([np.searchsorted(axis.edges, number, side="right"), t, repeated])
+    return np.stack([np.cumsum(np.diff(t, prepend=t[:1]) < 0), t, repeated])

@@ -36,11 +36,7 @@ class Sheet(NamedTuple):
 
 
 def write_workbook(path: Path, sheets: Mapping[str, Sheet]) -> None:
-    """Writes tables as sheets of these names, 31 characters at most.
-
-    Raises:
-        UserError: a table is larger than a sheet.
-    """
+    """Writes tables as sheets of these names, of 31 characters; a UserError for one too large."""
     from xlsxwriter import Workbook
 
     for schema, rows, _ in sheets.values():

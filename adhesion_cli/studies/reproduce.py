@@ -23,7 +23,7 @@ from ..core.estimator import registry
 from ..core.model import Floats, Result, Vehicle
 from ..core.physics import wheelset
 from ..estimators import PAPER
-from ..results.log_writer import writer
+from ..results.wide_table import writer
 from ..scores import metrics
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave

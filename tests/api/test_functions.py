@@ -287,18 +287,6 @@ def test_nothing_is_printed_and_nothing_is_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_axle_that_was_not_analysed_is_an_error_that_names_the_others(
-    run: adhesion.Analysis,
-) -> None:
-    with pytest.raises(adhesion.UserError) as told:
-        run.axles[9]
-    assert isinstance(told.value, KeyError)
-    assert "9" in str(told.value)
-    assert all(str(n) in told.value.hint for n in run.axles)
-    assert run.axles.get(9) is None
-    assert 9 not in run.axles
-
-
 def test_a_text_of_several_logs_has_the_log_of_each_finding() -> None:
     both = adhesion.compare([BRAKE, SLID], algos="td")
     lines = repr(both).splitlines()

@@ -11,7 +11,7 @@ import pytest
 from adhesion_cli.channels.log import read
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.results.log_writer import writer
+from adhesion_cli.results.wide_table import writer
 from adhesion_cli.wsp import simulate
 
 Run = Callable[..., subprocess.CompletedProcess[str]]

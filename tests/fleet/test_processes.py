@@ -13,7 +13,7 @@ from helpers import logs_of_fleet
 
 from adhesion_cli.core.children import ChildDiedError
 from adhesion_cli.fleet import work
-from adhesion_cli.fleet.processes import Processes
+from adhesion_cli.fleet.workers import Processes
 
 
 @pytest.fixture(autouse=True)

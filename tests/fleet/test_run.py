@@ -17,9 +17,9 @@ from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import FailedLog
 from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import LogLocation, find
-from adhesion_cli.fleet.processes import Processes
 from adhesion_cli.fleet.run import FleetProgress, _complete, run
 from adhesion_cli.fleet.work import Job, analysed
+from adhesion_cli.fleet.workers import Processes
 from adhesion_cli.results import tables
 
 

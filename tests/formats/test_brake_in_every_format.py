@@ -17,7 +17,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.results import log_writer
+from adhesion_cli.results import wide_table
 
 Run = Callable[..., CompletedProcess[str]]
 
@@ -111,7 +111,7 @@ def test_convert_writes_what_it_read(
 ) -> None:
     target = tmp_path / f"copy{suffix}"
     log = unchanged(open_source(logs["packed.mf4"], ReadOptions()), ())
-    log_writer.writer(target)(target, log)
+    wide_table.writer(target)(target, log)
     read = Read(target)
     assert read.source.absolute
     for channel, (unit, t, value) in sample.items():

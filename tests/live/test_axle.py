@@ -12,7 +12,7 @@ from adhesion_cli.analysis.settings import load
 from adhesion_cli.core import toml
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
-from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.open import Replay
 from adhesion_cli.live.run import with_any_brake
 
 

@@ -21,8 +21,7 @@ from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.live.bytes_arriving import Pieces
-from adhesion_cli.live.open import _text
-from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.open import Replay, _text
 
 
 def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:

@@ -22,8 +22,7 @@ from mcap.writer import CompressionType, Writer
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.live.feed import Feed
-from adhesion_cli.live.open import open_feed
-from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.open import Replay, open_feed
 
 LOW = LOGS / "low-adhesion.mcap"
 SETTINGS = load()

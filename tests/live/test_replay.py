@@ -11,7 +11,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.live.axle import LiveSample
-from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.open import Replay
 
 each_log = pytest.mark.parametrize("log", [SERVICE, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
 

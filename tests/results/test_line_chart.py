@@ -13,7 +13,7 @@ from adhesion_cli.core.model import Channel, Column, Result
 from adhesion_cli.rail import sliding
 from adhesion_cli.records.route import find_route
 from adhesion_cli.results import rrd
-from adhesion_cli.results.rrd.line_chart import LineBars, _bar_way, find_bars
+from adhesion_cli.results.rrd.line_views import LineBars, _bar_way, find_bars
 
 SPEED = 20.0  # [m/s]
 

@@ -175,11 +175,7 @@ def known_units(meaning: Meaning) -> list[str]:
 
 
 def stated_unit(text: str, meaning: Meaning, channel: str) -> Unit:
-    """The unit a user or a log states for a channel of a known meaning.
-
-    Raises:
-        UserError: for an unknown unit, or one that cannot measure this.
-    """
+    """The unit a user or a log states for a channel of a known meaning; a UserError for others."""
     candidate = unit_for(text, meaning)
     if candidate is None:
         problem = "unknown unit" if unit(text) is None else f"a {meaning} cannot be in"
@@ -340,10 +336,7 @@ def in_name(name: str) -> tuple[str, str]:
 
 
 def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
-    """A unit of this meaning that one of the names states instead of that of `text`, "" for none.
-
-    Only `text` need say that a pressure counts from vacuum.
-    """
+    """A unit of this meaning that a name states instead of that of `text`; no name need say abs."""
     stated_unit = unit_for(text, meaning)
     for name in names:
         own_unit, said = in_name(name)[1], ""

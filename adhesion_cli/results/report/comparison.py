@@ -23,9 +23,8 @@ def content(runs: Sequence[ReportRun]) -> dict[str, object]:
     all_differences = differences.compare(runs)
     rows = _rows(all_differences)
     findings = differences.friction_findings(runs)
-    messages = [f.message for f in findings]
     return {
-        "headline": " ".join(messages) or _headline(runs, all_differences),
+        "headline": " ".join([f.message for f in findings]) or _headline(runs, all_differences),
         "commands": findings[0].names["commands"] if findings else "",
         "cautions": list(cautions(runs)),
         "run_rows": [_run(i, run, not findings) for i, run in enumerate(runs, 1)],

@@ -130,10 +130,7 @@ def same_statement(run_a: ReportRun, run_b: ReportRun) -> bool:
 
 
 def _brake_change(run_a: ReportRun, run_b: ReportRun) -> float:
-    """By how much the brake force of two logs may differ beyond their vehicles, as a share (95 %).
-
-    0 for two runs of one log.
-    """
+    """By how much the brake of two logs may differ beyond their vehicles, as a share (95 %)."""
     if same_log(run_a, run_b):
         return 0.0
     by_wear = Z95 * math.sqrt(2.0) * LOG_TO_LOG[longitudinal.SCALE]

@@ -9,7 +9,6 @@ import re
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 from zlib import compress
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -18,49 +17,33 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import enumerated, printable, utf8
-from .. import application_tables, result_rows, stop_rows
-from ..carried_vehicle import is_of_vehicle, parameter_title
+from .. import application_tables, carried_vehicle, result_rows, stop_rows, vehicle_text
 from ..result_rows import channel_row
 from ..text_tables import DASH
 from ..train_stops import MANY_AXLES
-from ..vehicle_text import describe_motors
 from . import comparison, words
 from .campaign import Campaign
+from .plots import MOST_VALUES, Figures
 from .protocol import Protocol, headline, parts
 from .run import ReportRun
 
-if TYPE_CHECKING:
-    from .plots import Figures
-
 _PAGE_LIMIT = 2_900_000  # letters of a page: more numbers are not drawn
-_LETTERS = 700_000  # of these for what draws the figures, and for tables
-_LETTERS_OF_FIGURE = 4_000  # packed, without its numbers
-_LETTERS_OF_NUMBER = 2.5  # packed, at most
-_VALUES = 800_000  # numbers in all figures, at most
-_FIGURES = 5  # of an axle
-_TRIALS = 4
+_TRIALS = 6
 
 
 def page(runs: Sequence[ReportRun]) -> str:
     """The whole page; the same runs give the same text."""
-    from .plots import Figures  # Bokeh is slow to import
-
     write = _run if len(runs) == 1 else _comparison
-    figures = sum(_FIGURES * len(run.detailed) for run in runs)
-    room = _PAGE_LIMIT - _LETTERS - _LETTERS_OF_FIGURE * figures
-    values, text = min(int(room / _LETTERS_OF_NUMBER), _VALUES), ""
-    for _ in range(_TRIALS):  # one is enough where the tables of the page are not unusually long
-        text = write(runs, Figures(values))
+    text = ""
+    for trial in range(_TRIALS):  # one is enough for ordinary logs
+        text = write(runs, Figures(int(MOST_VALUES * 0.6**trial)))
         if len(text) < _PAGE_LIMIT:
             break
-        values = int(0.6 * values)
     return text
 
 
 def campaign_page(campaign: Campaign) -> str:
     """A page of tables, as of a fleet."""
-    from .plots import Figures  # Bokeh is slow to import
-
     figures = Figures()
     places = [
         [figures.of_bars(table.figure, f"bars-{i}")] if table.figure else []
@@ -73,8 +56,6 @@ def campaign_page(campaign: Campaign) -> str:
 
 def protocol_page(protocol: Protocol) -> str:
     """The protocol of a brake test."""
-    from .plots import Figures  # Bokeh is slow to import
-
     figures = Figures()
     context = {
         "protocol": protocol,
@@ -88,13 +69,16 @@ def protocol_page(protocol: Protocol) -> str:
     return _page("protocol.html", protocol.title, figures, context)
 
 
-def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
+def _run(runs: Sequence[ReportRun], figures: Figures) -> str:
     (run,) = runs
     context = {
         "run": run,
         "plots": figures.of_run(run),
         "about": _about(run),
-        "motors": describe_motors([run.summary]),
+        "vehicle_lines": [
+            vehicle_text.describe_vehicle(run.summary.vehicle, [a.summary for a in run.axles]),
+            vehicle_text.describe_motors([run.summary]),
+        ],
         "stops": application_tables.stop_table([run.summary], all_rows=True),
         "channels": [channel_row(c) | {"reason": c.reason} for c in run.summary.channels],
         "vehicle": _vehicle(run.settings),
@@ -103,14 +87,14 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
     return _page("run.html", run.name, figures, context)
 
 
-def _comparison(runs: Sequence[ReportRun], figures: "Figures") -> str:
+def _comparison(runs: Sequence[ReportRun], figures: Figures) -> str:
     content = comparison.content(runs)
     plots = figures.of_runs(runs, adhesion=not content["commands"])
     context = {**content, "runs": runs, "plots": plots}
     return _page("comparison.html", ", ".join(run.name for run in runs), figures, context)
 
 
-def _page(template: str, title: str, figures: "Figures", context: Mapping[str, object]) -> str:
+def _page(template: str, title: str, figures: Figures, context: Mapping[str, object]) -> str:
     script = {"library": _packed(figures.library()), "drawn": _packed(figures.as_json())}
     return _templates().get_template(template).render(context, title=title, **script)
 
@@ -129,8 +113,9 @@ def _templates() -> Environment:
         "version": __version__,
         "MANY_AXLES": MANY_AXLES,
         "enumerated": enumerated,
+        "result_rows": result_rows,
+        "words": words,
     }
-    environment.globals |= {"result_rows": result_rows, "words": words}
     environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
 
@@ -178,7 +163,7 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     """The vehicle's parameters with their standard uncertainties."""
     parameters: dict[str, dict[str, str]] = {}
     for key, text in sorted(settings.items()):
-        if not is_of_vehicle(key):
+        if not carried_vehicle.is_of_vehicle(key):
             continue
         name, values = key.removeprefix("vehicle."), json.loads(text)
         parameter, _, component = name.rpartition(".")
@@ -195,7 +180,7 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     units = {name: quantity.unit for name, quantity in quantities(Vehicle).items()}
     return [
         {
-            "Parameter": parameter_title(name),
+            "Parameter": carried_vehicle.parameter_title(name),
             "Value": components.get("value", DASH),
             "Standard uncertainty": components.get("tolerance", DASH),
             "Unit": units.get(name.partition(",")[0].rpartition(".")[2], DASH),

@@ -19,12 +19,6 @@ _MOST_POINTS = 4000  # of a map's line
 _SLIDE_POINTS = 20  # of a slide's line on a map
 
 
-def position_label(run: ReportRun) -> str:
-    """What the position of a run is."""
-    of_line = run.route.position_from == "position"
-    return "position on the line [km]" if of_line else "way since the start of the log [km]"
-
-
 def draw_over_position(fig: figure, axle: ReportAxle, run: ReportRun, colour: str) -> list[Any]:
     """µ of an axle in its brake applications over the position, a mean every 5 m."""
     km, mu = list[float](), list[float]()

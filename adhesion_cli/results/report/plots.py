@@ -4,34 +4,29 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bokeh import layouts, models
 from bokeh.document import Document
-from bokeh.models import (
-    ColumnDataSource,
-    CrosshairTool,
-    FixedTicker,
-    HoverTool,
-    Legend,
-    LegendItem,
-    Range1d,
-    Span,
-)
+from bokeh.embed import file_html
+from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
-from bokeh.resources import Resources
+from bokeh.resources import INLINE, Resources
 from numpy.typing import NDArray
 
 from ...core.finding import merge_spans
 from ...core.model import Floats, Meaning
 from ...core.summary import Measured
 from ...stops.series import SeriesStop
-from .. import palette
+from .. import palette, plane
 from ..train_stops import MANY_AXLES, group_numbers
-from . import decimate, place_plots, state_plots
-from .campaign import Bar, Bars
+from . import campaign, decimate, place_plots, state_plots
 from .run import LoggedState, ReportAxle, ReportRun
 
+MOST_VALUES = 800_000  # numbers in all figures of a page
 _DETAIL = 3  # more numbers of an axle with figures of its own, over those of the others
 _BITS = 12  # of a number's mantissa that a picture shows
 _CURVE = 400  # points of the deceleration of one stop
@@ -66,14 +61,11 @@ class RunFigures:
 
 
 class Figures:
-    """All figures of a page, in one document: what is linked stays linked.
+    """All figures of a page, in one document, linked; they have about so many `values` together."""
 
-    They have about so many `values`, all of them together.
-    """
-
-    def __init__(self, values: int = 800_000) -> None:
+    def __init__(self, values: int = MOST_VALUES) -> None:
         self._values, self._places = values, dict[str, figure]()
-        self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
+        self._cursor = models.Span(dimension="height", line_color="#888888", line_dash="dotted")
 
     def of_run(self, run: ReportRun, axles: Sequence[int] | None = None) -> RunFigures:
         """Overview, then four or five figures per axle, all with one time axis.
@@ -131,18 +123,18 @@ class Figures:
             sources[N] = [self._place(fig, f"axle-{N}-{i}") for i, fig in enumerate(figures)]
         return sources
 
-    def of_bars(self, bars: Bars, place: str) -> str:
+    def of_bars(self, bars: campaign.Bars, place: str) -> str:
         """Percentiles of the adhesion coefficient of groups, side by side; returns the place."""
         axis = "datetime" if bars.dated else "linear"
         tools = "xpan,xwheel_zoom,reset,save"
         title = "Mean adhesion coefficient [-]"
         fig = _figure(title, 260, bars.label, tools, None, x_axis_type=axis)
-        data = {name: [getattr(bar, name) for bar in bars.bars] for name in Bar._fields}
+        data = {name: [getattr(bar, name) for bar in bars.bars] for name in campaign.Bar._fields}
         data["left"] = [0.95 * bar.begin + 0.05 * bar.stop for bar in bars.bars]
         data["right"] = [0.05 * bar.begin + 0.95 * bar.stop for bar in bars.bars]
         data["centre"] = [0.5 * (bar.begin + bar.stop) for bar in bars.bars]
         if bars.named:
-            fig.xaxis.ticker = FixedTicker(ticks=data["centre"])
+            fig.xaxis.ticker = models.FixedTicker(ticks=data["centre"])
             fig.xaxis.major_label_overrides = dict(zip(data["centre"], data["name"], strict=True))
         source = ColumnDataSource(data)
         fill = {"fill_color": palette.BLUE, "fill_alpha": 0.25, "line_color": None}
@@ -157,7 +149,7 @@ class Figures:
         _legend(fig, items)
         tips = [(bars.label, "@name"), ("brake applications", "@number")]
         tips += [("5 %, median, 95 %", "@lower{0.000}, @middle{0.000}, @upper{0.000}")]
-        fig.add_tools(HoverTool(renderers=[span], tooltips=tips))
+        fig.add_tools(models.HoverTool(renderers=[span], tooltips=tips))
         return self._place(fig, place)
 
     def of_stops(self, stops: Sequence[SeriesStop]) -> list[str]:
@@ -226,10 +218,9 @@ class Figures:
         for i, (name, axles) in enumerate(_legend_of_axles(run)):
             for source in (sources[axle] for axle in axles):
                 lines = ((speed, "rim"), (adhesion, "mu"))
-                renderers = [
-                    _line(fig, source, column, palette.nth(i), 1.3) for fig, column in lines
-                ]
-                items.setdefault(name, []).extend(renderers)
+                items.setdefault(name, []).extend(
+                    [_line(fig, source, column, palette.nth(i), 1.3) for fig, column in lines]
+                )
         if with_train := [a for a in run.axles if a.has_values("train")]:
             source = sources[with_train[0].number]
             items[run.train] = [_line(speed, source, "train", palette.BLACK, 2.0)]
@@ -259,8 +250,7 @@ class Figures:
             title, scale, name = _CURVES[state.meaning]
             fig = self._figure(title, 110, time)
             values = state.value * scale
-            chosen = decimate.rows(state.t, [values], [], _POINTS)
-            indices = decimate.with_gaps(state.t, chosen)
+            indices = decimate.with_gaps(state.t, decimate.rows(state.t, [values], [], _POINTS))
             shown = np.where(indices < 0, np.nan, values[indices])
             source = ColumnDataSource({"t": _seconds(state.t, indices), "y": _rounded(shown)})
             _line(fig, source, "y", palette.GREEN)
@@ -272,7 +262,7 @@ class Figures:
         figures = {}
         has_force = any(axle.has_values("force") for axle in run.axles)
         if run.route.position_from and has_force:
-            fig = _figure("Adhesion coefficient [-]", 220, place_plots.position_label(run))
+            fig = _figure("Adhesion coefficient [-]", 220, plane.position_label(run.route))
             _shade(fig, merge_spans(place_plots.slid_positions(run), _SHADES))
             by_number = {axle.number: axle for axle in run.axles}
             items: dict[str, list[Any]] = {}
@@ -300,8 +290,7 @@ class Figures:
         speed.y_range = _range([_column(source, "rim"), _column(source, "train")], is_full=True)
         _finish(speed, items, slides, source, "km/h", {train: "train", "wheel": "rim"})
 
-        by_pressure = axle.has_values("pressure")
-        name, unit = ("Pressure", "bar") if by_pressure else ("K of the axle", "kN")
+        name, unit = ("Pressure", "bar") if axle.has_values("pressure") else ("K of the axle", "kN")
         brake = self._figure(f"{name} [{unit}]", 130, time)
         _line(brake, source, "brake", palette.GREEN)
         brake.y_range = _range([_column(source, "brake")], is_full=True)
@@ -362,7 +351,7 @@ class Figures:
     def _figure(self, label: str, height: int, time: Range1d) -> figure:
         tools = "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save"
         fig = _figure(label, height, "", tools, "xbox_zoom", x_range=time)
-        fig.add_tools(CrosshairTool(overlay=self._cursor))
+        fig.add_tools(models.CrosshairTool(overlay=self._cursor))
         return fig
 
     def _place(self, fig: figure, place: str) -> str:
@@ -405,12 +394,11 @@ def _figure(
 def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
     if not items:
         return
-    fits = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
-    legend = Legend(
-        items=[LegendItem(label=name, renderers=list(x)) for name, x in items.items()],
+    legend = models.Legend(
+        items=[models.LegendItem(label=name, renderers=list(x)) for name, x in items.items()],
         orientation="horizontal",
         click_policy="hide",
-        ncols=len(items) if fits else 3,
+        ncols=len(items) if sum(map(len, items)) + _SIGN * len(items) <= _NARROW else 3,
         border_line_color=None,
         padding=0,
         margin=2,
@@ -445,7 +433,7 @@ def _finish(
         for name, column in column_names.items()
         if column != "train" or np.isfinite(_column(source, column)).any()
     ]
-    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
+    fig.add_tools(models.HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
 
 
 def _shade(fig: figure, spans: Sequence[tuple[float, float]]) -> None:
@@ -473,11 +461,10 @@ def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnData
     There are about `limit` numbers. Time counts from `zero`, after the log's start [s]. Returns as
     well the usual interval between rows in brake applications, 0 if all are there [s].
     """
-    brake = axle.pressure * 1e-5 if axle.has_values("pressure") else axle.clamping * 1e-3
     columns = {
         "rim": axle.rim * 3.6,
         "train": axle.train * 3.6,
-        "brake": brake,
+        "brake": axle.pressure * 1e-5 if axle.has_values("pressure") else axle.clamping * 1e-3,
         "force": axle.force * 1e-3,
         "mu": axle.force / axle.weight,
         "lower": axle.lower * 1e-3,
@@ -531,8 +518,7 @@ def _edged(
     has a band. Returns the rows with those at the sides twice, and whether a row is such a second
     one.
     """
-    has_value = (indices >= 0) & finite[indices]
-    inner = np.flatnonzero(has_value)
+    inner = np.flatnonzero((indices >= 0) & finite[indices])
     gaps = inner[:-1][np.diff(inner) > 1]
     begins = inner[1:][np.diff(inner) > 1]
     places = np.concatenate([gaps + 1, begins])
@@ -554,8 +540,7 @@ def _rounded(values: Floats) -> NDArray[np.float32]:
     bits = np.ascontiguousarray(values, np.float32).view(np.uint32)
     rounding = np.uint32(1 << (22 - _BITS))
     mask = np.uint32(0xFFFFFFFF << (23 - _BITS) & 0xFFFFFFFF)
-    finite = np.isfinite(values)
-    return np.where(finite, (bits + rounding) & mask, bits).view(np.float32)
+    return np.where(np.isfinite(values), (bits + rounding) & mask, bits).view(np.float32)
 
 
 def _column(source: ColumnDataSource, name: str) -> Floats:
@@ -589,3 +574,35 @@ def _range(columns: Sequence[Floats], is_full: bool = False) -> Range1d:
             extremes += np.quantile(values, shares).tolist()
     margin = 0.05 * (max(extremes) - min(extremes)) or 1.0
     return Range1d(min(extremes) - margin, max(extremes) + margin)
+
+
+_FRAME = 60  # pixels around all figures
+
+
+class Plot:
+    """Figures below each other with one time axis; a notebook shows them.
+
+    `axles` are drawn one by one; without any, speeds and µ of all together. `layout` is the Bokeh
+    layout, as `bokeh.io.show` takes it.
+    """
+
+    def __init__(self, run: ReportRun, axles: Sequence[int] = ()) -> None:
+        figures = Figures()
+        figure_set = figures.of_run(run, axles)
+        places = [place for axle in axles for place in figure_set.axles[axle]]
+        figures_shown = figures.figures_of(places or figure_set.overview)
+        self.layout: Any = layouts.column(figures_shown, sizing_mode="stretch_width")
+        self._title = run.name
+        self._height = _FRAME + sum(fig.height for fig in figures_shown)
+
+    def html(self) -> str:
+        """A page with the figures that needs no network and no other file."""
+        return str(file_html(self.layout, INLINE, title=self._title))
+
+    def write(self, place: Path | str) -> None:
+        """Writes `html` to a file, whose old content is lost; raises OSError."""
+        Path(place).write_bytes(self.html().encode())
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self._height}px;border:0"
+        return f'<iframe style="{style}" srcdoc="{escape(self.html())}"></iframe>'

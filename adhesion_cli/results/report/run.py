@@ -9,8 +9,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from ...core import physics
-from ...core.annotated import Json, from_json
+from ...core import annotated, physics
 from ...core.errors import UserError
 from ...core.model import MOTOR_FORCES, PLACES, STATES, Column, Floats, Meaning, Times
 from ...core.summary import AxleSummary, BrakeApplication, ChannelSummary, ResultSummary
@@ -21,7 +20,6 @@ from ...records.route import Route, make_route
 from ..carried_vehicle import parameter
 from ..names import METRICS, PROVENANCE, SETTINGS
 from ..train_stops import choose_axles
-from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
 _STATES: tuple[Meaning, ...] = (*STATES, *MOTOR_FORCES, "reservoir_pressure")
@@ -99,11 +97,6 @@ class ReportRun:
         return Path(self.summary.log.path).name
 
     @property
-    def vehicle_line(self) -> str:
-        """The vehicle in one line."""
-        return describe_vehicle(self.summary.vehicle, [a.summary for a in self.axles])
-
-    @property
     def train(self) -> str:
         """What the train's speed is called: measured, or estimated from the axles."""
         is_estimated = any(f.code == "reference-speed" for f in self.summary.findings)
@@ -141,7 +134,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
     settings = source.metadata.get(SETTINGS, {})
     provenance = source.metadata.get(PROVENANCE, {})
     try:
-        summary = from_json(ResultSummary, {"outputs": {}, **entry})
+        summary = annotated.from_json(ResultSummary, {"outputs": {}, **entry})
         start = int(provenance["start_ns"]) + int(provenance.get("time_shift_ns", "0"))
         numbers = [axle.axle for axle in summary.axles]
         if missing := sorted(set(axles or ()) - set(numbers)):
@@ -187,7 +180,7 @@ def _states(
     return states
 
 
-def _entry(path: Path, source: Source) -> Json:
+def _entry(path: Path, source: Source) -> annotated.Json:
     """The entry of the log in the document that a result carries; refuses none or several."""
     if any(name.startswith(f"{SETTINGS}/") for name in source.metadata):
         raise UserError(f"{path}: a comparison of several logs, not one result", _TWO_LOGS)
@@ -200,7 +193,7 @@ def _entry(path: Path, source: Source) -> Json:
         raise _no_result(path)
     if len(entries := loaded.get("results", [])) != 1:
         raise UserError(f"{path}: not the result of one log", _TWO_LOGS)
-    entry: Json = entries[0]
+    entry: annotated.Json = entries[0]
     return entry
 
 

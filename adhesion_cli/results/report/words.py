@@ -175,10 +175,7 @@ def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
 
 
 def finding_groups_of_logs(findings: Sequence[tuple[str, FindingSummary]]) -> list[FindingGroup]:
-    """The same of several logs; a line that several logs have names them all.
-
-    Each finding stands after the name of its log, "" where there is one log.
-    """
+    """The same of findings after names of logs; a line that several have names them all."""
     order = ("error", "warning", "info")
     by_code: dict[tuple[str, str], list[tuple[str, FindingSummary]]] = {}
     for log, f in sorted(findings, key=lambda pair: order.index(pair[1].severity)):

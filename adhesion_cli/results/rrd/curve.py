@@ -8,8 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core.model import Bools, Floats, Times, Vehicle
-from ...rail import fit
-from ...rail.slope import Bands
+from ...rail import fit, slope
 from .. import palette
 from .parts import REGION_STATES, Clock
 
@@ -53,7 +52,7 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     t: Times,
     slip: Floats,
     mu: Floats,
-    bands: Bands | None,
+    bands: slope.Bands | None,
     peak: tuple[Floats, Floats] | None = None,
     fitted: tuple[fit.RailFit, Vehicle] | None = None,
     judged: str = "",
@@ -160,10 +159,7 @@ def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) 
 
 
 def _axis(values: Floats, smallest_span: float) -> tuple[float, float, Floats]:
-    """Ends and round numbers of an axis that holds all values and 0.
-
-    It is at least `smallest_span` long.
-    """
+    """Ends and round numbers of an axis that holds all values and 0, at least so long."""
     lowest = min(0.0, float(values.min(initial=0.0)))
     highest = max(smallest_span, float(values.max(initial=0.0)))
     rough = (highest - lowest) / 5

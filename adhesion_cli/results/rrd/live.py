@@ -7,12 +7,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core import physics
-from ...core.errors import UserError
-from ...core.model import Z95, Floats, Times, Vehicle
+from ...core import errors, physics
+from ...core.model import Z95, Floats, Samples, Times, Vehicle
 from ...core.text import printable
 from .. import palette
-from ..samples import Samples
 from . import overview, parts
 
 
@@ -23,7 +21,7 @@ def check_viewer(url: str) -> None:
     except RuntimeError as error:  # the binding's word for what it cannot read
         text = f"--connect {printable(url)}: is no address of a Rerun viewer"
         hint = "name host and port of the viewer, as rerun+http://127.0.0.1:9876/proxy"
-        raise UserError(text, hint, code=2) from error
+        raise errors.UserError(text, hint, code=2) from error
 
 
 class LiveRecording:
@@ -57,11 +55,7 @@ class LiveRecording:
         self._write()
 
     def add(self, samples: Mapping[int, Samples]) -> None:
-        """Sends the new samples of some axles.
-
-        Raises:
-            OSError: where the file cannot be written.
-        """
+        """Sends the new samples of some axles; raises OSError where the file cannot be written."""
         if arrived := [axle for axle in samples if axle not in self._axles]:
             self._axles += arrived
             self._rec.send_blueprint(self._layout())
@@ -88,11 +82,7 @@ class LiveRecording:
             parts.send_names(self._rec, f"lines/{tab}", self._times, self._start or 0, fresh)
 
     def finish(self) -> None:
-        """Ends the recording; a viewer that does not answer is not waited for.
-
-        Raises:
-            OSError: where the file cannot be written.
-        """
+        """Ends the recording as `add`; a viewer that does not answer is not waited for."""
         self._rec.flush(timeout_sec=2.0)
         self._write()
         self._rec.disconnect()
@@ -117,8 +107,7 @@ class LiveRecording:
         if np.isfinite(x.train_speed).any():
             plots.append((f"all/slip/{axle}", line(name, 100.0 * x.slip)))
             if axle == self._axles[0]:
-                train = line("train", 3.6 * x.train_speed, parts.TRAIN)
-                plots.append(("all/speed/train", train))
+                plots.append(("all/speed/train", line("train", 3.6 * x.train_speed, parts.TRAIN)))
         axle_path = f"axle/{axle}"
         if np.isfinite(sigma).any():
             grey, half_width = palette.rgba(palette.LIGHT), Z95 * np.hypot(sigma, tolerance) / 1e3
@@ -132,8 +121,7 @@ class LiveRecording:
         return [*plots, (f"{axle_path}/clamping", clamping)]
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
-        since = (t - (self._start or 0)).astype("timedelta64[ns]")
-        return [rr.TimeColumn("time", duration=since)]
+        return [rr.TimeColumn("time", duration=(t - (self._start or 0)).astype("timedelta64[ns]"))]
 
     def _layout(self) -> parts.Layout:
         """All axles first, then a tab for each."""

@@ -7,22 +7,19 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core import physics, rounding
+from ...core import physics, rounding, text
 from ...core.model import AxleResult, Floats, Result
-from ...core.text import distinct
 from ...rail.events import Slide
 from ...records.route import Route
-from .. import palette
-from ..slip_text import slide_row
-from ..train_stops import MANY_AXLES, group_numbers
-from . import parts, rows
+from .. import palette, slip_text, train_stops
+from . import parts
 
 _SLIP = 3.0  # least range of slip [%]
 _LISTED_SLIDES = 20  # slides that are listed
 
 
 Slides = Mapping[int, Sequence[Slide]]  # of each axle, by its number
-DrawnAxle = tuple[AxleResult, rows.DrawnRows]
+DrawnAxle = tuple[AxleResult, parts.DrawnRows]
 
 
 def worst(slides: Sequence[Slide]) -> float:
@@ -34,7 +31,7 @@ def listed(slides: Slides, start_ns: int, route: Route) -> str:
     """Slides as Markdown, the deepest first, with the log's clock and places where it has them."""
     pairs = [(axle, slide) for axle, axle_slides in slides.items() for slide in axle_slides]
     pairs.sort(key=lambda pair: -(pair[1].max_slip or 0.0))
-    rows = [slide_row(*pair, start_ns, route) for pair in pairs[:_LISTED_SLIDES]]
+    rows = [slip_text.slide_row(*pair, start_ns, route) for pair in pairs[:_LISTED_SLIDES]]
     table = parts.markdown_table(rows)
     if len(pairs) > _LISTED_SLIDES:
         table += f"\n\n{len(pairs) - _LISTED_SLIDES} slides more are in the result file."
@@ -68,17 +65,17 @@ def send(
 def _groups(result: Result) -> list[tuple[str, list[int]]]:
     """The axles that have a colour of their own, or of many the groups that have one."""
     numbers = [axle.record.axle for axle in result.axles]
-    if len(numbers) <= MANY_AXLES:
+    if len(numbers) <= train_stops.MANY_AXLES:
         return [(f"axle {number}", [number]) for number in numbers]
     cars = {axle.number: axle.car for axle in result.vehicle.axles}
-    return [(f"axles {name}", axles) for name, axles in group_numbers(numbers, cars)]
+    return [(f"axles {name}", axles) for name, axles in train_stops.group_numbers(numbers, cars)]
 
 
 def _send(
     rec: rr.RecordingStream,
     path: str,
     times: parts.Clock,
-    drawn_rows: rows.DrawnRows,
+    drawn_rows: parts.DrawnRows,
     line: tuple[str, str, int],
     values_by_chart: Mapping[str, Floats],
 ) -> None:
@@ -161,9 +158,8 @@ class ComparedRuns:
 
     def __init__(self, runs: Sequence[ComparedRun]) -> None:
         self.runs = runs
-        self.root = rr.new_entity_path([distinct([*(run.name for run in runs), "runs"])[-1]])
-        axle_numbers = {a.record.axle for run in runs for a in run.result.axles}
-        self.axles = sorted(axle_numbers)
+        self.root = rr.new_entity_path([text.distinct([*(run.name for run in runs), "runs"])[-1]])
+        self.axles = sorted({a.record.axle for run in runs for a in run.result.axles})
 
     def _slides(self, axle: int) -> list[Slide]:
         return [x for run in self.runs for x in run.slides.get(axle, ())]

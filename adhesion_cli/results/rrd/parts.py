@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, Protocol
+from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
 
 import numpy as np
 import rerun as rr
@@ -14,12 +14,11 @@ import rerun.blueprint as rrb
 import rerun_bindings
 from numpy.typing import NDArray
 
-from ...core.model import Floats, Times
+from ...core.model import AxleResult, Bools, Floats, Times
 from ...core.text import printable
 from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
-from .. import names, palette
-from ..text_tables import TitledTable
+from .. import names, palette, text_tables
 from .glyphs import drawable
 
 REFERENCE = TRAIN = palette.rgba(palette.LIGHT)
@@ -96,22 +95,15 @@ class RecordingInFile(rr.RecordingStream):
             self.write()
 
     def write(self) -> None:
-        """Appends to the file what was sent since the last call, and no footer.
+        """Appends to the file what was sent since the last call, and no footer; raises OSError.
 
         Each read of the SDK's stream is a whole recording. Its header goes into the file once, and
         its end never.
-
-        Raises:
-            OSError: where the file cannot be written.
         """
         self._append(footer=False)
 
     def end(self) -> None:
-        """Writes the rest; with a footer, where this is all.
-
-        Raises:
-            OSError: where the file cannot be written.
-        """
+        """Writes the rest, with a footer where this is all; raises OSError."""
         self._append(footer=not self._has_header)
         self.disconnect()
 
@@ -164,8 +156,7 @@ def bands(name: str, columns: Sequence[Band], width: float = 0.0) -> SeriesPlot:
 
 def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
     """Sends a text in Markdown."""
-    document = rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN)
-    rec.log(path, document, static=True)
+    rec.log(path, rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def escape_markdown(text: str) -> str:
@@ -182,7 +173,7 @@ def markdown_table(rows: Sequence[Mapping[str, str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)
 
 
-def titled(x: TitledTable) -> str:
+def titled(x: text_tables.TitledTable) -> str:
     """A table under its title as Markdown."""
     body = [x.lead, *([markdown_table(x.rows)] if x.rows else []), *x.note.splitlines()]
     return "\n\n".join([f"\n## {x.title}", *filter(None, body)])
@@ -281,6 +272,36 @@ def send_band(
     colour, band_edges = REGION_STATES[2][1], np.ones(2)
     edges = [("least", colour, lower * band_edges), ("most", colour, upper * band_edges)]
     send_plot(rec, f"{path}/band", times, t[[0, -1]], lines("", edges, 1.0))
+
+
+class DrawnRows(NamedTuple):
+    """Rows to draw as one line, in the order of time; shape (m,)."""
+
+    t: Times  # of the rows [ns], rising
+    row: NDArray[np.int64]  # of the record, −1 for one without values: a break in each line
+    inside: Bools  # whether the row lies in a segment
+
+    def select(self, draw_mask: Bools) -> "DrawnRows":
+        """Some of the rows, by a mask of shape (m,)."""
+        return DrawnRows(self.t[draw_mask], self.row[draw_mask], self.inside[draw_mask])
+
+
+def rows_of_axle(axle: AxleResult) -> DrawnRows:
+    """Rows to draw: each sample, and a break wherever a segment ends.
+
+    The viewer sorts rows by time. What came after a clock was set back would be mixed with what
+    came before: it is drawn from where its times pass those.
+    """
+    t = axle.record.t
+    inside = np.zeros(len(t), bool)
+    for s in axle.record.segments:
+        inside[s] = True
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)}
+    edges = np.array(sorted(bounds - {0, len(t)}), np.int64)
+    index = np.insert(np.arange(len(t)), edges, -1)
+    times, inside = np.insert(t, edges, t[edges - 1] + 1), np.insert(inside, edges, False)
+    is_newest = np.diff(np.maximum.accumulate(times), prepend=times[:1] - 1) > 0
+    return DrawnRows(times, index, inside).select(is_newest)
 
 
 # ---- views

@@ -11,45 +11,31 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from ...core import physics, rounding, signals
-from ...core.finding import catalogue
-from ...core.model import (
-    Z95,
-    AxleRecord,
-    AxleResult,
-    Bools,
-    Column,
-    Event,
-    Floats,
-    Log,
-    Meaning,
-    Result,
-    Score,
-    Times,
-)
+from ...core import finding, model, physics, rounding, signals
+from ...core.model import AxleResult, Floats, Result, Times
 from ...core.physics import LOCKED, SLIDES
 from ...core.summary import ResultSummary, summarise_vehicle
 from ...core.text import printable
-from ...rail import fit, sliding
-from ...rail.locks import locks_of_axle
+from ...rail import fit, locks, sliding
 from ...rail.slope import Bands
 from ...records.route import find_route
 from ...scores.metrics import pool_scores
 from ...stops.settings import StopSettings
-from .. import log_events, names, palette, thinning
+from .. import log_events, names, palette, result_rows, text_tables, thinning, train_stops
 from ..application_tables import application_tables, stop_table
-from ..result_rows import score_rows
-from ..text_tables import TitledTable
-from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
-from . import line_chart, line_map, overview, parts, rows
-from .curve import curve_view, send_curve
-from .glyphs import drawable, drawable_names
+from . import curve, glyphs, line_views, overview, parts
 
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ON = 0.5  # a state is 0 or 1
-_SWITCHED: tuple[Meaning, ...] = ("emergency", "hold_valve", "vent_valve", "wsp_active", "sanding")
+_SWITCHED: tuple[model.Meaning, ...] = (
+    "emergency",
+    "hold_valve",
+    "vent_valve",
+    "wsp_active",
+    "sanding",
+)
 _MOST_LEVELS = 8  # of a command that are states of their own
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
@@ -71,7 +57,7 @@ def write_results(
     slip of each axle of one log, with its rail; with them, slip is shown first. With `full` a long
     log is drawn with every sample between its brake applications, too.
     """
-    names_of_logs = drawable_names(names.logs(results)) if len(results) > 1 else [""]
+    names_of_logs = glyphs.drawable_names(names.logs(results)) if len(results) > 1 else [""]
     pages = [
         _Page(name, result, notes, full, summary)
         for name, result, summary in zip_longest(names_of_logs, results, summaries)
@@ -98,7 +84,7 @@ class _Page:
     ) -> None:
         self.result, self.notes, self.full = result, notes, full
         self.summary = summary
-        (self.title,) = drawable_names([printable(Path(result.log.path).name)])
+        (self.title,) = glyphs.drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
@@ -106,13 +92,13 @@ class _Page:
         self.axles = [(a, self._drawn_rows(a)) for a in self.result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
-        bars = line_chart.find_bars(self.result, self.route, self.slides)
+        bars = line_views.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides, self.axles)
         self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
-        self.lists: dict[str, list[Event]] = {}  # by the list's entity
+        self.lists: dict[str, list[model.Event]] = {}  # by the list's entity
         for x in log_events.of_result(result):
-            kind = "findings" if x.code in catalogue() else "events"
+            kind = "findings" if x.code in finding.catalogue() else "events"
             series_path = f"/{kind}/log" if x.axle is None else f"/{kind}/axle/{x.axle}"
             self.lists.setdefault(series_path, []).append(x)
         bands_table = result.settings.get("bands")
@@ -137,15 +123,14 @@ class _Page:
             overview.send(rec, self.root, self.times, self.result, self.axles)
         slides = [x for of_axle in self.slides.values() for x in of_axle]
         if self.bars is not None:
-            line_chart.send_chart(rec, f"{self.root}/line", self.bars)
-        line_map.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
+            line_views.send_chart(rec, f"{self.root}/line", self.bars)
+        line_views.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
         self._send_lists(rec)
         parts.send_text(rec, f"{self.root}/summary", self._summary_text())
-        about = _about(self.result, self.thinned)
-        parts.send_text(rec, f"{self.root}/about", about)
+        parts.send_text(rec, f"{self.root}/about", _about(self.result, self.thinned))
 
     def _send_lines(
-        self, rec: rr.RecordingStream, path: str, axle: AxleResult, drawn_rows: rows.DrawnRows
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, drawn_rows: parts.DrawnRows
     ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces."""
         t, index, inside = drawn_rows
@@ -160,9 +145,9 @@ class _Page:
             rec.flush()  # or the SDK queues the whole log
         return lines
 
-    def _drawn_rows(self, axle: AxleResult) -> rows.DrawnRows:
+    def _drawn_rows(self, axle: AxleResult) -> parts.DrawnRows:
         """The rows that are drawn: of a long log those that its results have, and each break."""
-        all_rows = rows.of_axle(axle)
+        all_rows = parts.rows_of_axle(axle)
         if self.full or not thinning.needs_thinning(axle):
             return all_rows
         return all_rows.select(thinning.keep_mask(axle, all_rows.t) | (all_rows.row < 0))
@@ -176,7 +161,7 @@ class _Page:
         return columns
 
     def _measured(
-        self, record: AxleRecord, column: Callable[[Floats, float], Floats]
+        self, record: model.AxleRecord, column: Callable[[Floats, float], Floats]
     ) -> Iterator[parts.SeriesPlot]:
         radius = self.result.vehicle.radius(record.axle).value
         phi = self.result.vehicle.of_axle(record.axle).friction.value
@@ -194,14 +179,14 @@ class _Page:
             known_lines = [(name, c, column(x, k)) for name, c, x, k in lines if x is not None]
             yield parts.lines(chart, known_lines)
 
-    def _shows_clamping(self, record: AxleRecord) -> bool:
+    def _shows_clamping(self, record: model.AxleRecord) -> bool:
         """Whether K is known: logged, or from the pressure by a known vehicle."""
         return record.pressure is None or self.result.identified.known
 
     def _plots(
-        self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
+        self, axle: AxleResult, index: NDArray[np.int64], inside: model.Bools
     ) -> Iterator[parts.SeriesPlot]:
-        """What is drawn of some rows, see `rows.DrawnRows`."""
+        """What is drawn of some rows, see `parts.DrawnRows`."""
         record, reference = axle.record, axle.reference
 
         def column(values: Floats, factor: float = 1.0) -> Floats:
@@ -234,7 +219,7 @@ class _Page:
             estimates.append((algo, colour, F))
             errors.append((algo, colour, np.where(inside, error, np.nan)))
             if algo in axle.sigmas:
-                half_width = rounding.digits(Z95 * computed(axle.sigmas[algo]))
+                half_width = rounding.digits(model.Z95 * computed(axle.sigmas[algo]))
                 bands.append((f"{algo}: own 95 % band", colour, F, half_width))
         if bands:
             yield parts.bands("force/own", bands)
@@ -259,13 +244,13 @@ class _Page:
         mu = physics.coefficient(axle.reference.force, vehicle, axle.record.axle)
         t, times, bands = axle.record.t, self.times, self.bands
         fitted = (rail, vehicle) if rail else None
-        send_curve(rec, f"{path}/slip", times, t, slip, mu, bands, fitted=fitted)
+        curve.send_curve(rec, f"{path}/slip", times, t, slip, mu, bands, fitted=fitted)
         if axle.slope is not None and bands:
             parts.send_band(rec, f"{path}/slope", times, t, bands.slope_low, bands.slope_high)
 
     def _send_states(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> None:
         """The brake and the logged states; of an axle with slip its region and its wheel, too."""
-        n, drawn_rows = len(axle.record), rows.of_axle(axle)
+        n, drawn_rows = len(axle.record), parts.rows_of_axle(axle)
         braked = np.zeros(n, np.int8)
         for s in axle.applications:
             braked[signals.pressed_part(axle.record, s)[0]] = 1
@@ -289,7 +274,7 @@ class _Page:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
         radius = self.result.vehicle.radius(axle.record.axle).value
         limits = StopSettings(**self.result.settings.get("stops", {})).locks
-        for lock in locks_of_axle(axle.record, radius, limits):
+        for lock in locks.locks_of_axle(axle.record, radius, limits):
             slides[lock.samples] = LOCKED
         slides[signals.standing(axle.record) & (slides == 0)] = parts.STANDS
         region = np.zeros(n, np.int8) if axle.region is None else axle.region
@@ -300,17 +285,17 @@ class _Page:
         for path, list_text in self.lists.items():
             rows = []
             for x in sorted(list_text, key=lambda e: e.t):
-                code = f"{x.code}: " if x.code in catalogue() else ""
+                code = f"{x.code}: " if x.code in finding.catalogue() else ""
                 text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
                 lines = textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
-                rows += [(x.t, _LEVEL[x.severity], drawable(line)) for line in lines]
+                rows += [(x.t, _LEVEL[x.severity], glyphs.drawable(line)) for line in lines]
             times, levels, texts = zip(*rows, strict=True)
             data = rr.TextLog.columns(text=texts, level=levels)
             rec.send_columns(f"{self.root}{path}", self.times(np.array(times, np.int64)), data)
 
     def _summary_text(self) -> str:
         """Vehicle, stops, brake applications, slides, findings and scores as Markdown."""
-        result, tables = self.result, list[TitledTable]()
+        result, tables = self.result, list[text_tables.TitledTable]()
         if self.summary:
             cars = {axle.number: axle.car for axle in result.vehicle.axles}
             tables = [*stop_table([self.summary]), *application_tables([self.summary], cars=cars)]
@@ -328,7 +313,7 @@ class _Page:
             "\n## Findings\n",
             *(entries or ["none"]),
         ]
-        if len(result.axles) > MANY_AXLES:
+        if len(result.axles) > train_stops.MANY_AXLES:
             pooled = pool_scores(axle.scores for axle in result.axles)
             lines.append(f"\n## All axles\n\n{_scores(pooled)}")
         else:
@@ -346,9 +331,9 @@ class _Page:
             tabs.insert(0, overview.tab(self.root, self.result, self.slides))
         places: list[rrb.View] = []
         if self.bars is not None:
-            places.append(line_chart.chart_view(f"{self.root}/line", self.route))
+            places.append(line_views.chart_view(f"{self.root}/line", self.route))
         if self.route.lines():
-            places.append(line_map.map_view(f"{self.root}/map"))
+            places.append(line_views.map_view(f"{self.root}/map"))
         if places:
             tabs.append(rrb.Vertical(*places, row_shares=[1, 2][: len(places)], name="On the line"))
         for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
@@ -410,7 +395,7 @@ class _Page:
         return rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=[*shares, 3.0 + len(logged)]),
             rrb.Vertical(
-                curve_view(f"{path}/slip", f"Axle {N}"),
+                curve.curve_view(f"{path}/slip", f"Axle {N}"),
                 rrb.TextDocumentView(origin=f"{path}/note", name=f"Axle {N}: rail and slides"),
                 *self._lists(N),
                 row_shares=heights,
@@ -441,7 +426,7 @@ class _Page:
         ]
 
 
-def _logged_states(log: Log, record: AxleRecord) -> Iterator[_StateLane]:
+def _logged_states(log: model.Log, record: model.AxleRecord) -> Iterator[_StateLane]:
     """Commands, valves of an axle, WSP and sanding, where the log has them."""
     on = {
         meaning: _sampled(channel.data, record.t) > _ON
@@ -452,7 +437,7 @@ def _logged_states(log: Log, record: AxleRecord) -> Iterator[_StateLane]:
         yield "command", *_levels(_sampled(command.data, record.t), command.levels)
     if "emergency" in on:
         yield "emergency", on["emergency"].astype(np.int8), parts.SWITCHES
-    codes: dict[Meaning, int] = {"hold_valve": 1, "vent_valve": 2}
+    codes: dict[model.Meaning, int] = {"hold_valve": 1, "vent_valve": 2}
     valves = [code * on[name] for name, code in codes.items() if name in on]
     if valves:
         yield "valve", np.max(valves, axis=0).astype(np.int8), parts.VALVES
@@ -470,18 +455,17 @@ def _levels(values: Floats, words: Sequence[str]) -> tuple[NDArray[np.int8], par
     names = [by_value.get(x, f"{x:g}") for x in distinct_values.tolist()]
     if len(names) == len(parts.SWITCHES) and not words:
         names = [name for name, _ in parts.SWITCHES]
-    codes = np.searchsorted(distinct_values, values).astype(np.int8)
-    return codes, parts.level_states(names)
+    return np.searchsorted(distinct_values, values).astype(np.int8), parts.level_states(names)
 
 
-def _sampled(column: Column, t: Times) -> Floats:
+def _sampled(column: model.Column, t: Times) -> Floats:
     """The last value of a state at each time, shape (n,); 0 before the first."""
     is_usable = column.valid & np.isfinite(column.value)
     values = np.concatenate([[0.0], column.value[is_usable]])
     return values[np.searchsorted(column.t[is_usable], t, side="right")]
 
 
-def _motors_title(record: AxleRecord) -> str:
+def _motors_title(record: model.AxleRecord) -> str:
     return "ED force at the rim" + ", traction below 0" * record.traction_known
 
 
@@ -521,11 +505,11 @@ def _about(result: Result, thinned: bool) -> str:
     return "\n".join(lines)
 
 
-def _scores(scores: Sequence[Score]) -> str:
+def _scores(scores: Sequence[model.Score]) -> str:
     """Scores as Markdown, the best first; a column without values would push others out of view."""
     scores = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
     rows = [
         {"method": "", "against": s.against} | row
-        for s, row in zip(scores, score_rows(scores), strict=True)
+        for s, row in zip(scores, result_rows.score_rows(scores), strict=True)
     ]
     return parts.markdown_table(rows)

@@ -41,13 +41,11 @@ class StopsPage:
         parts.send_text(rec, "verdict", f"```\n{verdict_text}\n```")
         parts.send_text(rec, "about", parts.settings_table(self.settings))
         colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
-        start = int(self.stops[0].t[0])
-        parts.send_names(rec, "lines", _since_start, start, [*colours.items()])
+        parts.send_names(rec, "lines", _since_start, int(self.stops[0].t[0]), [*colours.items()])
         # Lines may coincide: the viewer draws by name, so the last is the thinnest.
         widths = {name: 1.5 + 2.0 * i for i, name in enumerate(sorted(colours, reverse=True))}
         for stop in self.stops:
-            colour = colours[stop.controller]
-            train = [(stop.controller, colour, stop.train_speed * 3.6)]
+            train = [(stop.controller, colours[stop.controller], stop.train_speed * 3.6)]
             path = f"train/{stop.controller}"
             plot = parts.lines("", train, widths[stop.controller])
             parts.send_plot(rec, path, _since_start, stop.t, plot)
@@ -77,8 +75,7 @@ class StopsPage:
             "confidence": [("confidence", parts.REFERENCE, stop.confidence[:, i])],
         }
         for name, columns in series.items():
-            plot = parts.lines(name, columns)
-            parts.send_plot(rec, f"{path}/{name}", _since_start, stop.t, plot)
+            parts.send_plot(rec, f"{path}/{name}", _since_start, stop.t, parts.lines(name, columns))
 
         t = np.append(stop.t, 2 * stop.t[-1] - stop.t[-2])  # a state lasts until the next
         for name, codes, states in (

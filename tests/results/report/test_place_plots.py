@@ -9,7 +9,7 @@ from helpers.pages import analysed, written
 
 from adhesion_cli.core.model import Column, Floats, Meaning
 from adhesion_cli.records.route import make_route
-from adhesion_cli.results.report.place_plots import position_label
+from adhesion_cli.results.plane import position_label
 from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportRun, read
 
@@ -55,7 +55,7 @@ def test_adhesion_stands_over_the_kilometre(run: ReportRun) -> None:
 
 
 def test_the_way_since_the_start_is_no_kilometre(run: ReportRun) -> None:
-    assert position_label(placed(run, "distance")) == "way since the start of the log [km]"
+    assert position_label(placed(run, "distance").route) == "way since the start of the log [km]"
 
 
 def test_coordinates_give_a_map(run: ReportRun) -> None:
