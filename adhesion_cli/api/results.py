@@ -196,16 +196,9 @@ def _axle(axle: model.AxleResult, result: Result, braked: tuple[BrakeApplication
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Analysis(_Tables):
-    """One analysed log.
+    """A log, with tables of ``applications``, ``stops``, ``estimators`` and ``findings``."""
 
-    `to_arrow` and `to_pandas` give the tables ``applications``, ``stops``, ``estimators`` and
-    ``findings``.
-
-    Attributes:
-        result: all that was computed, as the rest of the program has it.
-    """
-
-    result: Result
+    result: Result  # all that was computed, as the rest of the program has it
     _tables = ("applications", "stops", "estimators", "findings")
 
     @property
@@ -317,13 +310,7 @@ class Analysis(_Tables):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Comparison(_Tables):
-    """Estimators compared over one or several logs.
-
-    `to_arrow` and `to_pandas` give the tables ``estimators``, ``applications`` and ``findings``.
-
-    Attributes:
-        analyses: of the logs.
-    """
+    """Estimators over logs, with tables of ``estimators``, ``applications`` and ``findings``."""
 
     analyses: tuple[Analysis, ...]
     _tables = ("estimators", "applications", "findings")
@@ -365,13 +352,7 @@ class Comparison(_Tables):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SlipAnalysis(_Tables):
-    """Slip, slides and the adhesion curve of one log.
-
-    `to_arrow` and `to_pandas` give the tables ``slides`` and ``axles``.
-
-    Attributes:
-        analysis: of the log.
-    """
+    """Slip, slides and the adhesion curve of one log, with tables of ``slides`` and ``axles``."""
 
     analysis: Analysis
     _slip: SlipOfLog
@@ -416,10 +397,7 @@ class SlipAnalysis(_Tables):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Inspection(_Tables):
-    """What is in a log.
-
-    `to_arrow` and `to_pandas` give the tables ``channels`` and ``findings``.
-    """
+    """What is in a log, with tables of ``channels`` and ``findings``."""
 
     _inspected: inspection.LogInspection
     _tables = ("channels", "findings")
@@ -460,10 +438,7 @@ class Inspection(_Tables):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class StopAnalysis(_Tables):
-    """The stops of one or several logs as a brake test.
-
-    `to_arrow` and `to_pandas` give the table ``stops``.
-    """
+    """The stops of one or several logs as a brake test, with the table ``stops``."""
 
     _test: brake_test.BrakeTest
     _tables = ("stops",)
@@ -491,10 +466,7 @@ class StopAnalysis(_Tables):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Calibration(_Tables):
-    """A vehicle from its own logs.
-
-    `to_arrow` and `to_pandas` give the table ``parameters``.
-    """
+    """A vehicle from its own logs, with the table ``parameters``."""
 
     _calibration: calibrate.CalibrationRun
     _tables = ("parameters",)

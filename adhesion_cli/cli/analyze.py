@@ -136,8 +136,8 @@ def _show(
     terminal.show(friction_findings, quiet)
     terminal.show_commands(friction_findings, quiet)
     vehicles = describe_vehicles(vehicles_of_logs(summaries))
-    logs = terminal.folded(terminal.describe_logs(summaries))
-    head = terminal.describe_log(summaries[0]) if is_single else logs
+    logs = terminal.describe_logs(summaries)
+    head = logs if is_single else terminal.folded(logs)
     print("\n".join([head, *map(terminal.folded, vehicles)]))
     cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
     tables = [*stop_table(summaries), *application_tables(summaries, all_rows, cars)]

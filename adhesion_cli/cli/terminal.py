@@ -192,33 +192,21 @@ def lossy(findings_seen: Sequence[Finding]) -> bool:
     return any(f.lossy for f in findings_seen)
 
 
-def describe_log(summary: ResultSummary) -> str:
-    """The log's path, and below it format, duration, rows and axles."""
-    log, axles = summary.log, [str(a.axle) for a in summary.axles]
-    return (
-        f"{printable(log.path)}:\n{log.format}, {log.duration_s:.1f} s, "
-        f"{log.rows_used} of {log.rows_read} rows used, "
-        f"{'axles' if len(axles) > 1 else 'axle'} {', '.join(axles)}{_motors([summary])}"
-    )
-
-
 def describe_logs(summaries: Sequence[ResultSummary]) -> str:
-    """How many logs, and what they have in common or range over."""
+    """The log's path, or how many logs, and what they have in common or range over."""
     logs = [x.log for x in summaries]
+    name = f"{printable(logs[0].path)}:\n" if len(logs) == 1 else f"{len(logs)} logs, "
     formats = ", ".join(dict.fromkeys(log.format for log in logs))
-    seconds = [log.duration_s for log in logs]
+    seconds = " to ".join(dict.fromkeys(f"{f(x.duration_s for x in logs):.1f}" for f in (min, max)))
     axles = dict.fromkeys(", ".join(str(a.axle) for a in x.axles) for x in summaries)
-    axle_text = f"axles {next(iter(axles))}" if len(axles) == 1 else "different axles"
+    axle_text = "different axles"
+    if len(axles) == 1:
+        (numbers,) = axles
+        axle_text = f"axle{'s' * (', ' in numbers)} {numbers}"
     used, read = sum(log.rows_used for log in logs), sum(log.rows_read for log in logs)
-    return (
-        f"{len(logs)} logs, {formats}, {min(seconds):.1f} to {max(seconds):.1f} s, "
-        f"{used} of {read} rows used, {axle_text}{_motors(summaries)}"
-    )
-
-
-def _motors(summaries: Sequence[ResultSummary]) -> str:
-    text = describe_motors(summaries)
-    return f"\n{text}" if text else ""
+    motors = describe_motors(summaries)
+    text = f"{name}{formats}, {seconds} s, {used} of {read} rows used, {axle_text}"
+    return f"{text}\n{motors}" if motors else text
 
 
 def describe_reference(axle: AxleSummary) -> str:

@@ -51,7 +51,10 @@ class Coverage(NamedTuple):
     degrees_of_freedom: Annotated[Number, Quantity("-", "Welch and Satterthwaite; null: no noise")]
 
 
-PositionSource = Literal["position", "distance", "coordinates"]
+PositionSource = Annotated[
+    Literal["position", "distance", "coordinates"] | None,
+    Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
+]
 
 
 class SlideSummary(NamedTuple):
@@ -131,10 +134,7 @@ class BrakeApplication:
     slip_unknown_s: Annotated[float, Quantity("s", "no train speed: slides may be hidden")] = 0.0
     time: Annotated[str | None, Quantity("", "of the start, ISO 8601; null: no calendar")] = None
     position_km: Annotated[Number, Quantity("km", "place at the start; null: not known")] = None
-    position_from: Annotated[
-        PositionSource | None,
-        Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
-    ] = None
+    position_from: PositionSource = None
     latitude: Annotated[Number, Quantity("°", "north positive, at the start")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the start")] = None
     slide_start_s: Annotated[Number, Quantity("s", "begin of its first slide, as start_s")] = None
@@ -219,10 +219,7 @@ class StopSummary:
     nominal_speed_kmh: Annotated[float, Quantity("km/h", "nominal speed: the nearest, or stated")]
     time: Annotated[str | None, Quantity("", "of the command, ISO 8601; null: no calendar")] = None
     position_m: Annotated[Number, Quantity("m", "place on the line at the command")] = None
-    position_from: Annotated[
-        PositionSource | None,
-        Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
-    ] = None
+    position_from: PositionSource = None
     latitude: Annotated[Number, Quantity("°", "north positive, at the command")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the command")] = None
 

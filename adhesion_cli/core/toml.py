@@ -105,8 +105,7 @@ def quoted(text: str) -> str:
 
 def table(entries: Mapping[str, str | int]) -> str:
     """A table in one line, without what is empty."""
-    texts = (f"{k} = {quoted(v) if isinstance(v, str) else v}" for k, v in entries.items() if v)
-    return f"{{{', '.join(texts)}}}"
+    return value({k: v for k, v in entries.items() if v})
 
 
 def key(name: str) -> str:

@@ -5,7 +5,7 @@ The program compares the C with the Python `step` on vectors of a log.
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Any
 
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
@@ -17,12 +17,6 @@ from .vectors import LOG, Vectors
 
 LIBRARY_ERROR = 1e-9  # error of another C library in double precision, over the largest value
 SINGLE_ERROR = 6.0  # and in single precision, over that of a library that rounds exactly
-
-
-class _Answer(NamedTuple):
-    name: str
-    c: str  # its type
-    limit: float  # largest error accepted
 
 
 def limits(vectors: Vectors, number: Number) -> list[float]:
@@ -37,7 +31,7 @@ def program(interface: Interface, vectors: Vectors) -> str:
     """The text of the program."""
     kinds, largest = dict(interface.now.fields), limits(vectors, interface.number)
     answers = [
-        _Answer(x, INT.c if kinds[x] == INT else "double", limit)
+        {"name": x, "c": INT.c if kinds[x] == INT else "double", "limit": limit}
         for x, limit in zip(interface.answers(), largest, strict=True)
     ]
     return render(
@@ -50,7 +44,7 @@ def program(interface: Interface, vectors: Vectors) -> str:
     )
 
 
-def _rows(interface: Interface, vectors: Vectors, answers: list[_Answer]) -> Iterator[str]:
+def _rows(interface: Interface, vectors: Vectors, answers: list[dict[str, Any]]) -> Iterator[str]:
     literal, exact = interface.number.literal, Number(True).literal
     inputs = [kind == INT for _, kind in interface.given.fields]
     for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):
@@ -60,7 +54,7 @@ def _rows(interface: Interface, vectors: Vectors, answers: list[_Answer]) -> Ite
             fields = zip(row, inputs, strict=True)
             sample = f"{{{', '.join(str(int(x)) if whole else literal(x) for x, whole in fields)}}}"
         results = [
-            str(int(x)) if answer.c == INT.c else exact(x)
+            str(int(x)) if answer["c"] == INT.c else exact(x)
             for x, answer in zip(expected, answers, strict=True)
         ]
         yield ", ".join([literal(h), sample, *results])

@@ -26,10 +26,10 @@ _BEGIN = 0.2  # 1 sigma of the pressure at which a brake begins [bar]
 
 
 class GroupedRun(NamedTuple):
-    """What must be known of a run."""
+    """A run: the path of its log, and its brake, None where it stays in the first group."""
 
-    log: str  # path of its log
-    brake: LogBrake | None  # None where the log shows none: it stays in the first group
+    log: str
+    brake: LogBrake | None
 
 
 def run_of_log(log: str, brake: LogBrake | None, vehicle: IdentifiedVehicle | None) -> GroupedRun:

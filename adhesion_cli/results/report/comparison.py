@@ -6,7 +6,7 @@ from ...core.model import Z95
 from ...core.summary import BrakeApplication
 from ...core.text import by_uncertainty
 from ..text_tables import DASH, number, numbered
-from . import differences, words
+from . import differences
 from .differences import RunDifference
 from .run import ReportRun
 
@@ -102,7 +102,7 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
         "µ mean": "–".join(dict.fromkeys(mean_range)),
         "Slides": str(sum(a.slides for a in applications)) if slides_known else "?",
         "Sliding for [s]": number(sum(a.slide_s for a in applications), 1),
-        "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else DASH,
+        "Most slip [%]": number(100.0 * min(slip, 1.0), 1) if slip else DASH,
         "SHA-256": run.summary.log.sha256[:8],
     }
 

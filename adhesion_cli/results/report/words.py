@@ -31,14 +31,9 @@ class AxleVerdict:
     adhesion: str  # mean coefficient of the worst brake application, with its uncertainty
 
 
-def percent(share: float | None, digits: int = 0) -> str:
-    """A share in percent; a dash where there is none."""
-    return number(share if share is None else 100.0 * share, digits)
-
-
-def span(begin: float, stop: float, digits: int = 1) -> str:
+def span(a: BrakeApplication) -> str:
     """From and to, in seconds."""
-    return f"{begin:.{digits}f}–{stop:.{digits}f}"
+    return f"{a.start_s:.1f}–{a.end_s:.1f}"
 
 
 def brake_tables(runs: Sequence[ReportRun], all_rows: bool = False) -> list[TitledTable]:
@@ -120,18 +115,20 @@ def _of_slides(
     subject = "it"
     if braked > 1:
         yield f"Slid in {len(slid)} of {braked} brake applications."
-        yield f"The one with the most slip is at {span(worst.start_s, worst.end_s)} s."
+        yield f"The one with the most slip is at {span(worst)} s."
         subject = "there it"
     total = number(worst.slide_s, 1)
     if worst.locked_s:
         yield f"The wheel stood still for {number(worst.locked_s, 1)} s while the train moved;"
         yield f"{subject} slid for {bound_text}{total} s."
     else:
-        slip = f", with slip up to {bound_text}{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
-        slip *= worst.max_slip is not None
+        slip = ""
+        if worst.max_slip is not None:
+            share = f"{100.0 * worst.max_slip:.1f}\N{NO-BREAK SPACE}%"
+            slip = f", with slip up to {bound_text}{share}"
         yield f"{subject.capitalize()} slid for {bound_text}{total} s{slip}."
     if worst.utilisation is not None:
-        share = f"{percent(worst.utilisation)}\N{NO-BREAK SPACE}%"
+        share = f"{100.0 * worst.utilisation:.0f}\N{NO-BREAK SPACE}%"
         yield f"In the slides it used {share} of the adhesion that the rail gave."
     else:
         yield "The slides do not show how much adhesion the rail gave."
