@@ -27,7 +27,7 @@ from table import Row, show
 from adhesion_cli.core import compiled, estimator, methods
 from adhesion_cli.core.model import Floats, Times, Vehicle, Wheelset
 from adhesion_cli.core.physics import wheelset
-from adhesion_cli.export.c_types import Number
+from adhesion_cli.export.c_types import DOUBLE
 from adhesion_cli.export.interface import Interface
 
 N = 20_000  # samples, 1 kHz with jitter
@@ -94,7 +94,7 @@ void loop(const void *p, const void *w, const int64_t *t, const double *K, const
 def export_loop(est: estimator.Estimator, p: Any, w: Wheelset, of: Log, folder: str) -> Any:
     """A loop of the exported C over a log."""
     vehicle = (w.radius, w.phi, w.inertia, w.mass)
-    code = Interface(est, p, vehicle, Number(True), "benchmark").code()
+    code = Interface(est, p, vehicle, DOUBLE, "benchmark").code()
     place = Path(folder)
     (place / f"adhesion_{est.name}.h").write_text(code.header)
     (place / f"adhesion_{est.name}.c").write_text(code.source)

@@ -67,7 +67,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
         suffix = tables.kind(table)
     if geojson:
         check_name(geojson)
-    sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
+    folder = shared.out or Path()
+    sets: list[list[Path]] = [[*results.pair(folder, log, "adhesion")] for log in logs]
     if report:
         sets = [[*files, files[0].with_suffix(".html")] for files in sets]
     paths = [path for files in sets for path in files] + [x for x in (table, geojson) if x]

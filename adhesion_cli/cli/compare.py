@@ -36,7 +36,7 @@ def command(
     if not logs:
         logs = [_newest()]
         terminal.message(f"no log given: comparing {logs[0]}", shared.quiet)
-    pair = results.pair(shared, logs[0], "compare")
+    pair = results.pair(shared.out or Path(), logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
     summaries = [summarise(r, results.named(pair)) for r in analysed]
     with atomic_files.outputs(pair, shared.force, inputs=inputs(shared, *logs)) as written:

@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ..analysis import outputs
-from ..analysis.outputs import Pair
 from ..analysis.outputs import named as named
+from ..analysis.outputs import pair as pair
 from ..analysis.outputs import stem as stem
 from ..core.errors import as_user_error
 from .options import Shared, check, check_settings, inputs
@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     from ..results.rrd.results import Note
     from ..studies.calibrate import CalibrationRun
     from ..studies.tune import Tuned
-
-
-def pair(shared: Shared, log: Path, kind: str) -> Pair:
-    """The two files a command writes for a log, in the folder of --out."""
-    return outputs.pair(shared.out or Path(), log, kind)
 
 
 def analysed(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from operator import itemgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..core.text import printable
@@ -35,7 +36,7 @@ def command(
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
-    pairs = [results.pair(shared, log, "slip") for log in logs]
+    pairs = [results.pair(shared.out or Path(), log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     progress = terminal.progress(shared.quiet)
     slip_results = []

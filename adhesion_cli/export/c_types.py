@@ -39,22 +39,9 @@ INT, BOOL = Scalar("int32_t"), Scalar("bool")
 class Number(NamedTuple):
     """The floating-point type of an export."""
 
-    double: bool
-
-    @property
-    def c(self) -> str:
-        """Its name in C."""
-        return "double" if self.double else "float"
-
-    @property
-    def suffix(self) -> str:
-        """Of literals and of functions of the C library."""
-        return "" if self.double else "f"
-
-    @property
-    def largest(self) -> str:
-        """The largest finite value, of <float.h>."""
-        return "DBL_MAX" if self.double else "FLT_MAX"
+    c: str  # its name in C
+    suffix: str  # of literals and of functions of the C library
+    largest: str  # the largest finite value, of <float.h>
 
     def literal(self, x: float) -> str:
         """A number as C reads it back bit for bit."""
@@ -64,6 +51,9 @@ class Number(NamedTuple):
             return "INFINITY" if x > 0.0 else "(-INFINITY)"
         text = f"{float(x)!r}{self.suffix}"
         return text if x >= 0.0 and text[0] != "-" else f"({text})"
+
+
+DOUBLE, SINGLE = Number("double", "", "DBL_MAX"), Number("float", "f", "FLT_MAX")
 
 
 class Types:

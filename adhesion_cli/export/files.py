@@ -9,7 +9,7 @@ from ..core.errors import UserError, unknown
 from ..core.methods import Method, validate
 from ..wsp.wsp_controller import Settings, bands
 from . import pages, templates, vectors
-from .c_types import Number
+from .c_types import DOUBLE, SINGLE
 from .interface import WHEELSET_INPUTS, Interface
 
 
@@ -56,7 +56,8 @@ def export(
     vehicle = vehicle.of_axle(axle)
     w = physics.wheelset(vehicle, 1)
     wheelset_values = {name: getattr(w, name) for name in WHEELSET_INPUTS}
-    interface = Interface(method, p, tuple(wheelset_values.values()), Number(double), __version__)
+    number = DOUBLE if double else SINGLE
+    interface = Interface(method, p, tuple(wheelset_values.values()), number, __version__)
     code = interface.code()
     progress(f"running {algo} on {vectors.LOG}")
     if isinstance(method, estimator.Estimator):

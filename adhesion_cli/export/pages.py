@@ -10,7 +10,7 @@ from typing import Any
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
 from ..core.physics import LEAST_SHARE, force_line
-from .c_types import INT, Number, flat, range_of
+from .c_types import DOUBLE, INT, Number, flat, range_of
 from .interface import WHEELSET_INPUTS, Code, Interface
 from .templates import render
 from .vectors import LOG, Vectors
@@ -22,7 +22,7 @@ SINGLE_ERROR = 6.0  # and in single precision, over that of a library that round
 def limits(vectors: Vectors, number: Number) -> list[float]:
     """Largest error that the program accepts, of each answer."""
     answers = range(len(vectors.expected[0]))
-    if number.double:
+    if number == DOUBLE:
         return [LIBRARY_ERROR * vectors.largest(i) for i in answers]
     return [SINGLE_ERROR * max(vectors.single_errors(i)) for i in answers]
 
@@ -45,7 +45,7 @@ def program(interface: Interface, vectors: Vectors) -> str:
 
 
 def _rows(interface: Interface, vectors: Vectors, answers: list[dict[str, Any]]) -> Iterator[str]:
-    literal, exact = interface.number.literal, Number(True).literal
+    literal, exact = interface.number.literal, DOUBLE.literal
     inputs = [kind == INT for _, kind in interface.given.fields]
     for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):
         if interface.estimator:
@@ -105,7 +105,7 @@ def readme(
         line=force_line(vehicle),
         reals=numbers.count("real"),
         integers=len(numbers) - numbers.count("real"),
-        double_limit=limits(vectors, Number(True))[-1],
+        double_limit=limits(vectors, DOUBLE)[-1],
         seconds=sum(row[0] for row in vectors.rows),
         single_errors={x: vectors.single_errors(i) for i, x in enumerate(interface.answers())},
         counts_readings=any(path.endswith(".readings") for path, _ in flat(interface.now)),

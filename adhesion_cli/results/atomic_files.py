@@ -63,7 +63,7 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
     checked: set[str] = set()
     for path in paths:
         refuse_url(path)
-        file_name, folder = _printable_path(path), _printable_path(path.parent)
+        file_name, folder = printable(str(path)), printable(str(path.parent))
         place = str(path.parent.resolve() / path.name)
         if sys.platform != "linux":  # disks there do not tell capitals from small letters
             place = place.casefold()
@@ -100,13 +100,13 @@ def folder(target: Path) -> Iterator[None]:
     refuse_url(target)
     if target.exists() and not target.is_dir():
         hint = "name a folder with --out, a new one or one that exists"
-        raise UserError(f"{_printable_path(target)}: is a file, not a folder", hint)
+        raise UserError(f"{printable(str(target))}: is a file, not a folder", hint)
     created = [p for p in (target, *target.parents) if not p.exists()]
     try:
         if created:
             target.mkdir(parents=True)
     except OSError as error:
-        text = f"{_printable_path(target)}: the folder cannot be made ({error.strerror})"
+        text = f"{printable(str(target))}: the folder cannot be made ({error.strerror})"
         raise UserError(text, "choose another with --out") from error
     try:
         yield
@@ -180,7 +180,7 @@ def sets(
                 for path, place in files.items():
                     _patiently(path, partial(place.replace, path))
     except OSError as error:
-        names = ", ".join(map(_printable_path, folders))
+        names = printable(", ".join(map(str, folders)))
         text = f"{names}: cannot write the results ({error.strerror or error})"
         raise UserError(text, f"free space there, or {_ELSEWHERE}") from error
 
@@ -253,7 +253,7 @@ def _patiently(path: Path, action: Callable[[], object]) -> None:
             if sys.platform != "win32":
                 raise
             if time.monotonic() > end:
-                text = f"{_printable_path(path)}: another program has this file open"
+                text = f"{printable(str(path))}: another program has this file open"
                 hint = "close it there (viewer, Excel, virus scanner), then run again"
                 raise UserError(text, hint) from error
             time.sleep(_PAUSE)
@@ -295,8 +295,4 @@ def _refuse_existing(paths: Sequence[Path]) -> None:
     for path in paths:
         if os.path.lexists(path):
             hint = "add --force to replace it, or write elsewhere"
-            raise UserError(f"{_printable_path(path)}: exists already", hint)
-
-
-def _printable_path(path: Path) -> str:
-    return printable(str(path))
+            raise UserError(f"{printable(str(path))}: exists already", hint)

@@ -14,7 +14,7 @@ from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import FrictionTable, Parameter, Vehicle
 from adhesion_cli.export import files, vectors
-from adhesion_cli.export.c_types import Number
+from adhesion_cli.export.c_types import DOUBLE
 from adhesion_cli.export.interface import Interface
 from adhesion_cli.export.translate import Translation
 
@@ -98,7 +98,7 @@ def test_the_library_asks_for_no_memory_and_has_no_variables(name, tmp_path):
     """Of the C library it needs mathematics only; its data segments are empty."""
     method, w = files.methods()[name], physics.wheelset(Vehicle(), 1)
     vehicle = (w.radius, w.phi, w.inertia, w.mass)
-    code = Interface(method, method.Params(), vehicle, Number(True), "test").code()
+    code = Interface(method, method.Params(), vehicle, DOUBLE, "test").code()
     (tmp_path / f"adhesion_{name}.h").write_text(code.header, encoding="ascii")
     (tmp_path / f"adhesion_{name}.c").write_text(code.source, encoding="ascii")
     place = tmp_path / "a.o"
@@ -220,7 +220,7 @@ def reads(x: float) -> float:
 )  # fmt: skip
 def test_what_c_would_do_otherwise_is_refused(f, why):
     """With file and line."""
-    c = Translation("adhesion_x", Number(True))
+    c = Translation("adhesion_x", DOUBLE)
     with pytest.raises(UserError, match=why) as refused:
         c.function(f, (c.types.real,))
     assert re.search(r"test_programs\.py:\d+: ", refused.value.text)
