@@ -140,11 +140,7 @@ def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.
 def shared(
     *names: str, texts: Mapping[str, str] | None = None
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Gives a command these of the shared options, and only these.
-
-    The command receives them as one `Shared` named `shared`; those it does not have are unset.
-    `texts` are the help of some of them, where it differs from the usual one.
-    """
+    """Gives a command these shared options, as one `Shared`; `texts` are other help of some."""
     extra = _parameters((*names, *ALWAYS), texts or {})
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:

@@ -76,11 +76,7 @@ def table(
     route: "Route | None" = None,
     all_rows: bool = False,
 ) -> str:
-    """What the screen shows of a log: rail and regions of every axle, and its slides.
-
-    Times count from `start_ns`, the start of the log [ns]. Without `all_rows`, of many slides the
-    worst ones are shown, these first.
-    """
+    """What the screen shows of a log: rails, regions, slides after its start [ns], or the worst."""
     from ..rail.slope import REGION_TITLES
     from ..records.route import NOWHERE
     from ..results.slip_text import OF_CURVE, constants, rail_row, slide_rows

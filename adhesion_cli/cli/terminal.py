@@ -125,10 +125,7 @@ def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:
 def show_of_logs(
     logs: Sequence[tuple[str, Sequence[Finding]]], quiet: bool, series: Sequence[Finding] = ()
 ) -> None:
-    """The findings of several logs on stderr, each code once for all logs that have it.
-
-    Of a quiet run, those that set exit code 3. `series` are on all logs together.
-    """
+    """The findings of logs and of their series on stderr, each code once; see `show`."""
     by_code: dict[tuple[Severity, str], dict[str, list[Finding]]] = {}
     for name, findings_of_log in (("the series", series), *logs):
         for f in (f for f in findings_of_log if f.lossy or not quiet):

@@ -46,11 +46,7 @@ def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
 
 @cache
 def columns(cls: Any) -> tuple[FieldColumn, ...]:
-    """The columns of a table whose rows are such objects; lists are left out.
-
-    A pair of numbers, as the limits of an interval, gives two columns that end with `_low` and
-    `_high`.
-    """
+    """The columns of a table of such objects without lists; a pair gives `_low` and `_high`."""
     return tuple(_columns(cls, "", ()))
 
 

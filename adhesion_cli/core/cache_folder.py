@@ -20,10 +20,7 @@ _WRITABLE_BY_OTHERS = 0o022
 
 
 def cache_folder() -> Path:
-    """Where the cache is: a folder that this user alone can write, for its code is executed.
-
-    Where there is none, it is a temporary folder, which goes with this process.
-    """
+    """A folder that this user alone can write, as its code is executed; else a temporary one."""
     return _prepared(os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "")
 
 

@@ -203,10 +203,7 @@ def _copy(f: FunctionType, functions: Mapping[str, object], file: str) -> Functi
 
 @cache
 def _inner(f: FunctionType, functions: tuple[tuple[str, Any], ...], constants: str) -> Any:
-    """A function that only compiled code calls: all loops of this process share what it compiles.
-
-    `constants` are the values that it names, as text: other ones give other machine code.
-    """
+    """A function that only compiled code calls, shared by all; `constants` are what it names."""
     from numba import njit
 
     copy = _copy(f, dict(functions), f.__code__.co_filename)
@@ -284,10 +281,7 @@ def _prune(root: Path) -> None:
 
 
 def _write_source(path: Path, text: str) -> bool:
-    """Whether `path` holds the text; it is written if it did not, and the disk takes it.
-
-    It is written whole, with one fixed time: numba then accepts the copy of every process.
-    """
+    """Whether `path` holds the text, written whole, with the one time that numba accepts."""
     temporary = path.with_suffix(f".{os.getpid()}")
     try:
         if not path.exists() or path.read_text("utf-8", "replace") != text:

@@ -609,10 +609,7 @@ class LogBrake(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Nis:
-    """Normalised innovation squared of a filter, mean over the log; names as in the JSON.
-
-    It is 1 if the filter's model is right, and larger if the filter is too sure of itself.
-    """
+    """Normalised innovation squared of a filter, mean over the log: 1 if its model is right."""
 
     mean: Annotated[float, Quantity("", "mean over the log")]
     low: Annotated[float, Quantity("", "lower limit of the mean if the model is right (95 %)")]

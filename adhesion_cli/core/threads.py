@@ -21,10 +21,7 @@ def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
 
 def run_ahead(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-    """`function` of each, in order; while one is used, the next are being made.
-
-    As many are in work as there are processors. No call may change what another one uses.
-    """
+    """`function` of each, in order, on all processors ahead of use; see `run_each`."""
     if max_threads < 2:
         yield from map(function, items)
         return

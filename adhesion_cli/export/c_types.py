@@ -74,11 +74,7 @@ class Types:
         return {float: self.real, int: INT, bool: BOOL}[hint]
 
     def named(self, source: Any, name: str = "", public: bool = False) -> Struct:
-        """The struct of a NamedTuple; the structs inside come before it.
-
-        It has its own name if none is given. `public`: whether the header declares it and what it
-        holds.
-        """
+        """The struct of a NamedTuple, after those inside of it; `public`: whether in the header."""
         if source in self._structs and (self._structs[source].public or not public):
             return self._structs[source]
         hints, notes = get_type_hints(source), _notes(source)

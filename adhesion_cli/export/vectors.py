@@ -47,10 +47,7 @@ class Vectors(NamedTuple):
 
 
 def of_estimator(est: estimator.Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
-    """Clamping force [N] and wheel speed [rad/s] of axle 1, with the estimates.
-
-    `vehicle` is that of the log, with one wheel radius. Raises as `check_step`.
-    """
+    """K [N] and speed [rad/s] of axle 1 of the log, with estimates; raises as `check_step`."""
     record = records(vehicle)[0]
     s = max(record.segments, key=lambda s: int(s.stop - s.start))
     t, K, y = (x[s].tolist() for x in (record.t, record.clamping_force, record.wheel_speed))

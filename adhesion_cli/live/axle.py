@@ -311,10 +311,7 @@ class LiveAxle:
         return math.sqrt(max(float(variance), 0.0) + sigma**2), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:
-        """By the slip, from where slides begin to where they end; without slip as `imm` says.
-
-        Nothing is said of a train that hardly moves, or of a wheel where its speed is not known.
-        """
+        """By the slip, else as `imm` says; nothing of a train that hardly moves or is not known."""
         if math.isfinite(slip):
             self._slides = slip > (END_SLIP if self._slides else SLIDE)
             return "sliding" if self._slides else "rolling"

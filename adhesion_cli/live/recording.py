@@ -138,10 +138,7 @@ class Batches(Sink):
 
 
 class Mcap(Sink):
-    """A file of all samples; see `GrowingResult`. Raises a UserError where it cannot be written.
-
-    `path` is an empty file. `report` gets what is not written, in the thread of `take`.
-    """
+    """A file of all samples, as `GrowingResult`, or a UserError; `report` gets what is left out."""
 
     def __init__(
         self,

@@ -72,10 +72,7 @@ class LiveWheels:
         self.findings += self._find_axles(self._numbers(source))
 
     def add_source(self, source: Source) -> list[Finding]:
-        """Takes in what began to send after the first second; what was known stays as it is.
-
-        `source` has every field up to now. Returns which axles are new, and what cannot be used.
-        """
+        """Takes in fields that came later; returns which axles are new, and what cannot be used."""
         axles_before = {p.axle for p in self.axles}
         try:
             findings = self._meant(source)

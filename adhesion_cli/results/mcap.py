@@ -226,11 +226,7 @@ def _computed(topic: str, unit: str, t: Times, values: Floats) -> _Stream:
 
 
 def _stream(topic: str, message: str, t: Times, *columns: Floats | _Values | None) -> _Stream:
-    """The doubles of a message, in the order of its schema.
-
-    What is not known is written as NaN: an absent field reads as 0 in most programs, a force of
-    nothing with certainty.
-    """
+    """The doubles of a message, in the order of its schema; NaN for none, as absent reads as 0."""
     _, *fields = descriptors.numbers(message)
     units = {f"unit.{name}": unit for name, unit in zip(fields, _UNITS[message], strict=False)}
     return _Stream(topic, message, t, dict(zip(fields, map(_finite, columns), strict=False)), units)
@@ -566,10 +562,7 @@ class _Rows:
 
 @cache
 def _layout(doubles: int, tail: int) -> np.dtype[np.void]:
-    """The bytes of a message record with so many doubles and so long a tail.
-
-    Numbers of a time stamp have one length, with leading zeros: a reader takes them as any others.
-    """
+    """The bytes of a message record with so many doubles and so long a tail, and a stamp."""
     return np.dtype(
         [
             ("opcode", "u1"),

@@ -43,10 +43,7 @@ _FORMULA = re.compile(
 
 
 def channels(log: Log) -> list[tuple[str, str]]:
-    """Name and unit of each channel's values, in order; both printable, names distinct.
-
-    A channel with a meaning holds SI; one without still has the unit the log states.
-    """
+    """Name and unit of each channel's values, both printable; SI where a channel has a meaning."""
     units = [
         SI.get(c.meaning, "") + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels
     ]

@@ -26,10 +26,7 @@ _FURTHER_COLOURS = (YELLOW, GREY)
 
 
 def of_method(name: str) -> str:
-    """The colour of an estimator or a controller, "#rrggbb".
-
-    Other methods never change it. One that is not in the table has a colour by its name.
-    """
+    """The colour of an estimator or a controller, "#rrggbb"; by its name where it has none here."""
     return _METHODS.get(name) or _FURTHER_COLOURS[crc32(name.encode()) % len(_FURTHER_COLOURS)]
 
 

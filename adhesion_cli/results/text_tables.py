@@ -155,10 +155,7 @@ def number(value: float | None, digits: int = 0) -> str:
 
 
 def with_u95(x: Sequence[float | None] | None, factor: float = 1.0, digits: int = _DECIMALS) -> str:
-    """A value with its uncertainty, the first two numbers of `x`; a dash without them.
-
-    A value that is None says nothing. `factor` is to the unit that is shown.
-    """
+    """A value with its uncertainty, the first two of `x`, times a factor; a dash without them."""
     if x is None:
         return DASH
     value, u95, *_ = x
@@ -225,10 +222,7 @@ def share_with_interval(share: float | None, interval: tuple[float, float] | Non
 
 
 def coefficient_text(x: Sequence[float | None] | None, other_brake: bool = False) -> str:
-    """An adhesion coefficient, and by a mark whether it is without the force of another brake.
-
-    A value and its uncertainty are the first two numbers of `x`. It may be that they say nothing.
-    """
+    """µ with its uncertainty, the first two of `x`, marked if another brake acts; or not known."""
     if x is None:
         return DASH
     value, u95, *_ = x

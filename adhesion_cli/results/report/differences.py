@@ -63,10 +63,7 @@ def compare(runs: Sequence[ReportRun]) -> list[RunDifference]:
 
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
-    """That runs have different brakes, so that one vehicle is wrong for some of them.
-
-    Runs whose vehicles are found from their logs are compared by the deceleration per bar.
-    """
+    """That runs have different brakes, by the deceleration per bar where the log is the vehicle."""
     sources = {run.summary.vehicle.source for run in runs}
     files = ["my-train.toml"] * ("stated" in sources)
     grouped = _grouped(runs)

@@ -68,10 +68,7 @@ class Figures:
         self._cursor = models.Span(dimension="height", line_color="#888888", line_dash="dotted")
 
     def of_run(self, run: ReportRun, axles: Sequence[int] | None = None) -> RunFigures:
-        """Overview, then four or five figures per axle, all with one time axis.
-
-        `axles` are drawn one by one; None: those that the run has chosen.
-        """
+        """Overview, then figures per axle on one time axis, of these axles or of those chosen."""
         axle_numbers = run.detailed if axles is None else axles
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(earliest, latest, bounds=(earliest, latest))

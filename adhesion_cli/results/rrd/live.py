@@ -25,11 +25,7 @@ def check_viewer(url: str) -> None:
 
 
 class LiveRecording:
-    """A recording of samples that arrive.
-
-    The first of the estimators is shown for all axles. `target` is a file, or the address of a
-    viewer.
-    """
+    """Samples that arrive, in a file or a viewer at an address; of all axles one estimator."""
 
     def __init__(
         self,

@@ -44,10 +44,7 @@ class Page(Protocol):
 def write(
     path: Path, name: str, source_identity: str, pages: Sequence[Page], timeline: str = "time"
 ) -> None:
-    """Writes a recording; its old content is lost.
-
-    `source_identity` is whatever tells it from other recordings. Each page is a tab.
-    """
+    """Writes a recording, a tab for each page; `source_identity` tells it from others."""
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(source_identity.encode()).hexdigest()
     layout = Layout([page.layout() for page in pages], timeline)
@@ -308,10 +305,7 @@ def rows_of_axle(axle: AxleResult) -> DrawnRows:
 
 
 class Layout(rrb.Blueprint):
-    """The whole window: side panels shut, every chart on the same time axis, all of it.
-
-    There is a tab for each of `layouts`. With `live` the cursor follows the newest samples.
-    """
+    """The whole window: a tab for each layout, panels shut, one time axis; `live` follows."""
 
     def __init__(self, layouts: Sequence[rrb.Container], timeline: str, live: bool = False) -> None:
         play_state: Literal["following", "paused"] = "following" if live else "paused"
@@ -338,10 +332,7 @@ class Layout(rrb.Blueprint):
 
 
 def chart(origin: str, name: str, span: tuple[float, float] | None = None) -> rrb.View:
-    """The plots below an entity over time; `span` is the range of values.
-
-    A legend would lie on the lines: the title has the colours, or `names_view`.
-    """
+    """The plots below an entity over time, in this range; the title has the colours, or names."""
     return rrb.TimeSeriesView(
         origin=origin,
         name=name,
