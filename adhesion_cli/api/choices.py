@@ -37,7 +37,6 @@ _KEYWORD_OF_OPTION = {
     "--out": "folder",
     "-c FILE.toml": "settings='FILE.toml'",
 }
-_KEYWORD = {"from": "from_s", "to": "to_s", "axle": "axles"}
 
 
 class Choices(NamedTuple):
@@ -137,7 +136,7 @@ def as_keywords(text: str) -> str:
     "state it, as csv={'decimal': 'comma'}, or leave out strict=True"
     """
     text = _OPTIONS.sub(_keywords, text)
-    text = _VALUE.sub(lambda m: f"{_KEYWORD.get(m[1], m[1])}={m[2]}", text)
+    text = _VALUE.sub(lambda m: f"{_KEYWORD_OF_OPTION.get(f'--{m[1]}', m[1])}={m[2]}", text)
     for option, word in _KEYWORD_OF_OPTION.items():
         text = text.replace(option, word)
     return text

@@ -262,9 +262,6 @@ class Analysis(_Tables):
         Returns:
             The figures: a notebook shows them, ``write(FILE)`` makes a page of them, ``html()``
             gives its text, and ``layout`` is for Bokeh.
-
-        Raises:
-            UserError: for an axle that was not analysed.
         """
         from ..results import mcap
         from ..results.report import run
@@ -283,18 +280,12 @@ class Analysis(_Tables):
     def write(
         self, folder: File = ".", *, report: bool = False, force: bool = False
     ) -> tuple[Path, ...]:
-        """Writes ``<log>.adhesion.mcap`` and ``.rrd``, the same as `adhesion analyze` does.
+        """Writes ``<log>.adhesion.mcap`` and ``.rrd``, as `adhesion analyze` does; returns them.
 
         Args:
             folder: made if it is missing.
             report: whether to write ``<log>.adhesion.html`` as well, a page to forward.
-            force: whether existing results are replaced.
-
-        Returns:
-            The files.
-
-        Raises:
-            UserError: where they exist already, or the disk refuses.
+            force: whether existing results are replaced, which else are a `UserError`.
         """
         return _write(Path(folder), "adhesion", [self], [self.result], force, report=report)
 
@@ -334,11 +325,7 @@ class Comparison(_Tables):
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
-        """Writes ``<first log>.compare.mcap`` and ``.rrd``; see `Analysis.write`.
-
-        Raises:
-            UserError: as there.
-        """
+        """Writes ``<first log>.compare.mcap`` and ``.rrd``; see `Analysis.write`."""
         results = [analysis.result for analysis in self.analyses]
         return _write(Path(folder), "compare", self.analyses, results, force)
 
@@ -380,11 +367,7 @@ class SlipAnalysis(_Tables):
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
-        """Writes ``<log>.slip.mcap`` and ``.rrd``; see `Analysis.write`.
-
-        Raises:
-            UserError: as there.
-        """
+        """Writes ``<log>.slip.mcap`` and ``.rrd``; see `Analysis.write`."""
         slip = carried(self._slip)
         return _write(Path(folder), "slip", [self.analysis], [self._slip.result], force, slip)
 
@@ -501,15 +484,7 @@ class Calibration(_Tables):
 
     @in_python
     def write(self, file: File, *, force: bool = False) -> Path:
-        """Writes the settings file that ``settings=`` and ``-c`` take.
-
-        Args:
-            file: its name ends with ``.toml``.
-            force: whether an older file is replaced.
-
-        Raises:
-            UserError: where it exists already, or the disk refuses.
-        """
+        """Writes the ``.toml`` that ``settings=`` and ``-c`` take; see `Analysis.write`."""
         path = toml.target(Path(file))
         read = [Path(u.log.path) for u in self._calibration.logs]
         with atomic_files.outputs([path], force, inputs=read) as (place,):

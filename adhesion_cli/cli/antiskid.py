@@ -232,27 +232,24 @@ air: consumption of all brake cylinders, in litres of normal air."""
 _Value = float | tuple[float, float, float] | None  # alone or with its interval
 
 
-def _cell(value: _Value, digits: int) -> str:
-    from .terminal import number
-
-    if not isinstance(value, tuple):
-        return number(value, digits)
-    middle, lower, upper = (number(x, digits) for x in value)
-    return middle if lower == upper == middle else f"{middle} ({lower}–{upper})"
-
-
 def _verdicts(
     verdicts: "Mapping[str, Mapping[str, _Value]]", paired: "Mapping[str, Compared] | None" = None
 ) -> str:
     """A column per controller, a row per value."""
-    from .terminal import NARROW, table
+    from .terminal import NARROW, number, table
+
+    def cell(value: _Value, digits: int) -> str:
+        if not isinstance(value, tuple):
+            return number(value, digits)
+        middle, lower, upper = (number(x, digits) for x in value)
+        return middle if lower == upper == middle else f"{middle} ({lower}–{upper})"
 
     rows = [
-        [name, *(_cell(list(values.values())[i], digits) for values in verdicts.values())]
+        [name, *(cell(list(values.values())[i], digits) for values in verdicts.values())]
         for i, (name, digits) in enumerate(_ROWS.items())
     ]
     if paired:
         compared = [paired[law] for law in verdicts]
-        rows.append(["patent less [m]", *(_cell(b.patent_less_this_m, 1) for b in compared)])
+        rows.append(["patent less [m]", *(cell(b.patent_less_this_m, 1) for b in compared)])
         rows.append(["shortest", *(f"{b.shortest:.0%}" for b in compared)])
     return table(["", *verdicts], rows, width=NARROW)

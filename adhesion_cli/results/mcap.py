@@ -452,7 +452,7 @@ def _begun(
         Schema(i, descriptors.schema(m), "protobuf", f"adhesion.{m}")
         for i, m in enumerate(messages, 1)
     ]
-    container = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
+    container = mcap_container.Container(file, f"adhesion-cli {__version__}")
     for name, entries in metadata.items():
         container.metadata(name, entries)
     container.define(schemas, _channels(streams, messages))

@@ -38,7 +38,7 @@ def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Pac
 class Container:
     """A file that is written front to back: definitions before the chunks that use them."""
 
-    def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
+    def __init__(self, file: BinaryIO, library: str) -> None:
         self._file, self._offset, self._crc = file, 0, 0
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
@@ -47,7 +47,7 @@ class Container:
         self._metadata: list[records.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._append(MAGIC)
-        self._append(written(records.Header(profile, library)))
+        self._append(written(records.Header("", library)))
 
     def define(
         self, schemas: Collection[records.Schema], channels: Collection[records.Channel]

@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import PurePath
 
+from ..core import units
 from ..core.model import Channel, Log, Meaning, Result
 from ..core.text import distinct, printable
 from ..core.toml import Table
@@ -13,26 +14,17 @@ SETTINGS = "adhesion.settings"  # metadata record with every parameter used
 PROVENANCE = "adhesion.provenance"  # version, name and hash of the log, sources
 METRICS = "adhesion.metrics"  # the JSON document of the run
 
-SI: dict[Meaning, str] = {
+_OF_DIMENSION: dict[units.Dimension, str] = {
     "time": "s",
     "pressure": "Pa",
-    "wheel_speed": "rad/s",
-    "train_speed": "m/s",
-    "clamping_force": "N",
-    "truth": "N",
-    "true_slip": "-",
-    "ed_force": "N",
-    "traction_force": "N",
-    "brake_pipe": "Pa",
-    "load_pressure": "Pa",
-    "reservoir_pressure": "Pa",
-    "distance": "m",
-    "position": "m",
-    "latitude": "deg",
-    "longitude": "deg",
-    "gradient": "-",
+    "speed": "m/s",
+    "force": "N",
+    "ratio": "-",
+    "length": "m",
     "temperature": "K",
-}  # of other meanings: as logged
+}
+SI: dict[Meaning, str] = {x: _OF_DIMENSION[kinds[0]] for x, kinds in units.EXPECTED.items()}
+SI |= {"wheel_speed": "rad/s", "latitude": "deg", "longitude": "deg"}  # of others: as logged
 
 
 # Where a formula may begin: at the start of a cell, and, as programs differ in what parts cells,
