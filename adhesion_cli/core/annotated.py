@@ -40,7 +40,7 @@ def as_json(value: Any) -> Any:
 
 
 def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
-    """The object that `as_json` made a table of; a KeyError where what has no default lacks."""
+    """The object that `as_json` made a table of; a KeyError for what must be there."""
     return typing.cast("T", _read(cls, document))
 
 

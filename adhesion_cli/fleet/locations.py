@@ -51,7 +51,7 @@ def find(named: Sequence[str]) -> list[LogLocation]:
 
 @contextmanager
 def local(place: str) -> Iterator[Path]:
-    """The file of a log, or a passing copy of a URL; a UserError where its library lacks."""
+    """The file of a log, or a passing copy of a URL; a UserError without its library."""
     if not _is_url(place):
         yield Path(place)
         return

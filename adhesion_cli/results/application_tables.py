@@ -106,11 +106,6 @@ def _marked(cells: dict[str, str], in_doubt: bool) -> dict[str, str]:
     return {head: doubted(cell, in_doubt and head.startswith("µ")) for head, cell in cells.items()}
 
 
-def _of_doubt(logs: Sequence[_NamedLog]) -> str:
-    """What the mark means, where a log has it."""
-    return _OF_DOUBT * any(log.in_doubt for log in logs)
-
-
 def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
     stops = [(log, stop) for log in logs for stop in train_stops.find_stops(log.axles)]
     shown_stops, lead = stops, ""
@@ -128,7 +123,7 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
             for log, x in shown_stops
         ]
     )
-    note = f"{_OF_STOPS} {_OF_ROWS}{_of_doubt(logs)}"
+    note = f"{_OF_STOPS} {_OF_ROWS}{_OF_DOUBT * any(log.in_doubt for log in logs)}"
     note = " ".join(filter(None, [note, describe_cells(rows)]))
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:
@@ -141,7 +136,7 @@ def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:
         (log, str(axle.axle), a) for log in logs for axle in log.axles for a in axle.applications
     ]
     rows = [_named(log.name) | _marked(row(axle, a), log.in_doubt) for log, axle, a in keyed]
-    notes = [_NOTE, describe_cells(rows), _of_doubt(logs).strip()]
+    notes = [_NOTE, describe_cells(rows), (_OF_DOUBT * any(log.in_doubt for log in logs)).strip()]
     tables = [TitledTable(_TITLE, rows, note=" ".join(filter(None, notes)))]
     if slid := [_named(log.name) | slid_row(axle, a) for log, axle, a in keyed if a.slides]:
         has_bounds = any(a.at_least for *_, a in keyed if a.slides)

@@ -96,7 +96,8 @@ def write_log(path: Path, log: Log) -> None:
     pairs = zip(names.channels(log), log.channels, strict=True)
     streams = [_scalar(*name_and_unit, channel.data) for name_and_unit, channel in pairs]
     shift = _shift(streams, [log])
-    _write(path, streams, {names.PROVENANCE: _origin_of(log, shift), **_account(log)}, shift)
+    origin = _origin(Path(log.path).name, log.sha256, log.format, shift)
+    _write(path, streams, {names.PROVENANCE: origin, **_account(log)}, shift)
 
 
 def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
@@ -378,10 +379,6 @@ def _origin(name: str, digest: str, kind: str, shift: int) -> dict[str, str]:
     return {**origin, "time_shift_ns": str(shift)} if shift else origin
 
 
-def _origin_of(log: Log, shift: int) -> dict[str, str]:
-    return _origin(Path(log.path).name, log.sha256, log.format, shift)
-
-
 def _account(log: Log) -> dict[str, dict[str, str]]:
     """What the log had lost: fresh CRCs would let all of it look sound."""
     return {model.RECOVERED: {"damage": log.account}} if log.account else {}
@@ -389,7 +386,7 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
 
 def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     entries = {
-        **_origin_of(result.log, shift),
+        **_origin(Path(result.log.path).name, result.log.sha256, result.log.format, shift),
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
         "sources": "\n".join(result.sources),
     }
