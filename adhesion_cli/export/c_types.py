@@ -57,7 +57,7 @@ DOUBLE, SINGLE = Number("double", "", "DBL_MAX"), Number("float", "f", "FLT_MAX"
 
 
 class Types:
-    """The structs of an export in the order of declaration, named with `prefix`, of `real`."""
+    """The structs of an export in the order of declaration; their names begin with `prefix`."""
 
     def __init__(self, prefix: str) -> None:
         self.real = Scalar("real")

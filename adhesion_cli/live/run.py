@@ -90,7 +90,7 @@ def follow(
     sinks: Sequence[Sink],
     tally: Tally,
 ) -> None:
-    """Takes every row of a sender, until it ends, or by a UserError cannot be read on."""
+    """Takes every row of a sender, until it ends; a UserError where it cannot be read on."""
     tally.add(wheels.findings)
     start, axles = None, list[LiveAxle]()
 

@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 
 class JsonLines(Sink):
-    """An object per sample, axle and estimator on a line; a reader that is gone may end only it."""
+    """An object per sample, axle and estimator on a line, also where its reader may be gone."""
 
     def __init__(self, algos: Sequence[str], vehicle: Vehicle, outlives_reader: bool) -> None:
         self._algos, self._vehicle, self._outlives_reader = algos, vehicle, outlives_reader

@@ -336,7 +336,7 @@ def in_name(name: str) -> tuple[str, str]:
 
 
 def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
-    """A unit of this meaning that a name states instead of that of `text`; no name need say abs."""
+    """A unit of this meaning that a name states instead of that of `text`, "" for none."""
     stated_unit = unit_for(text, meaning)
     for name in names:
         own_unit, said = in_name(name)[1], ""

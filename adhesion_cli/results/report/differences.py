@@ -63,7 +63,7 @@ def compare(runs: Sequence[ReportRun]) -> list[RunDifference]:
 
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
-    """That runs have different brakes, by the deceleration per bar where the log is the vehicle."""
+    """That runs have different brakes; those of unstated vehicles by the deceleration per bar."""
     sources = {run.summary.vehicle.source for run in runs}
     files = ["my-train.toml"] * ("stated" in sources)
     grouped = _grouped(runs)

@@ -25,7 +25,7 @@ def check_viewer(url: str) -> None:
 
 
 class LiveRecording:
-    """Samples that arrive, in a file or a viewer at an address; of all axles one estimator."""
+    """Samples that arrive, to a file or a viewer's address; all axles by the first estimator."""
 
     def __init__(
         self,
