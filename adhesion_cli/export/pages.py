@@ -17,6 +17,20 @@ from .vectors import LOG, Vectors
 
 LIBRARY_ERROR = 1e-9  # error of another C library in double precision, over the largest value
 SINGLE_ERROR = 6.0  # and in single precision, over that of a library that rounds exactly
+# What the checker is told not to report, and why.
+DEVIATIONS = {
+    "misra-c2012-1.2": "Rule 1.2 (advisory, language extensions): with gcc and clang the macro "
+    "ADHESION_INLINE has an attribute. Other compilers get `static inline`.",
+    "misra-c2012-15.5": "Rule 15.5 (advisory, one exit per function): a function of the estimator "
+    "returns where its Python source returns, so that both can be compared line by line.",
+    "misra-c2012-12.3": "Rule 12.3 (advisory, comma operator): there is none. cppcheck takes the "
+    "commas of an initializer list for it.",
+    "unreadVariable": "No MISRA rule. Variables of inner blocks have a value from the start (rule "
+    "9.1), which the checker calls unused.",
+    "variableScope": "No MISRA rule. Such variables stand at the head of the function.",
+    "unusedStructMember": "No MISRA rule. A struct has the fields of its NamedTuple.",
+    "missingIncludeSystem": "No MISRA rule. The headers of the C library are not checked.",
+}
 
 
 def limits(vectors: Vectors, number: Number) -> list[float]:
@@ -58,22 +72,6 @@ def _rows(interface: Interface, vectors: Vectors, answers: list[dict[str, Any]])
             for x, answer in zip(expected, answers, strict=True)
         ]
         yield ", ".join([literal(h), sample, *results])
-
-
-# What the checker is told not to report, and why.
-DEVIATIONS = {
-    "misra-c2012-1.2": "Rule 1.2 (advisory, language extensions): with gcc and clang the macro "
-    "ADHESION_INLINE has an attribute. Other compilers get `static inline`.",
-    "misra-c2012-15.5": "Rule 15.5 (advisory, one exit per function): a function of the estimator "
-    "returns where its Python source returns, so that both can be compared line by line.",
-    "misra-c2012-12.3": "Rule 12.3 (advisory, comma operator): there is none. cppcheck takes the "
-    "commas of an initializer list for it.",
-    "unreadVariable": "No MISRA rule. Variables of inner blocks have a value from the start (rule "
-    "9.1), which the checker calls unused.",
-    "variableScope": "No MISRA rule. Such variables stand at the head of the function.",
-    "unusedStructMember": "No MISRA rule. A struct has the fields of its NamedTuple.",
-    "missingIncludeSystem": "No MISRA rule. The headers of the C library are not checked.",
-}
 
 
 def readme(

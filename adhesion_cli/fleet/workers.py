@@ -20,6 +20,9 @@ from ..core.imports import refuse_pandas
 from ..core.text import printable
 from . import locations, work
 
+_SILENT = logging.CRITICAL + 1
+_AGE = 5.0  # of the number of workers [s]
+
 
 class Processes:
     """So many child processes; one that dies is known with its log."""
@@ -66,11 +69,6 @@ class Processes:
             text = "a process died before it had a log"
             raise UserError(text, "free memory, or lower --workers") from error
         return child
-
-
-_SILENT = logging.CRITICAL + 1
-
-_AGE = 5.0  # of the number of workers [s]
 
 
 class Cluster:

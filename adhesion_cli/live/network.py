@@ -11,6 +11,10 @@ from .feed import Pump
 from .messages import MOST_BYTES, Messages, in_datagrams
 
 _LARGEST = 1 << 16  # bytes of a datagram
+_INSTALL = installed_by("live")
+_PORT = 1883
+_WAIT = 10.0  # for the broker's answer [s]
+_KEEPALIVE = 30  # [s]
 
 
 class Udp(Messages):
@@ -48,12 +52,6 @@ class Udp(Messages):
     def close(self) -> None:
         """See `Feed`."""
         self._socket.close()
-
-
-_INSTALL = installed_by("live")
-_PORT = 1883
-_WAIT = 10.0  # for the broker's answer [s]
-_KEEPALIVE = 30  # [s]
 
 
 class Mqtt(Messages):

@@ -19,6 +19,11 @@ from .parts import Clock
 _BARS = 400  # of a chart, at most
 _SHORTEST = 5.0  # way of a bar [m]
 _ROUND = (1.0, 2.0, 5.0, 10.0)  # ways of bars are these, times a power of ten
+_SIZE = 100.0  # of the longer side of the map, in scene units; y points down
+_MARGIN = 12.0
+_POINTS = 4_000  # of the way, and of the moving place
+_SLIDE_POINTS = 20  # of a slide
+_BACKGROUND = [16, 18, 20]
 
 
 class LineBars(NamedTuple):
@@ -82,11 +87,6 @@ def _bar_way(length: float) -> float:
     return next(x * power for x in _ROUND if x * power >= least_width * (1.0 - 1e-9))
 
 
-_SIZE = 100.0  # of the longer side of the map, in scene units; y points down
-_MARGIN = 12.0
-_POINTS = 4_000  # of the way, and of the moving place
-_SLIDE_POINTS = 20  # of a slide
-_BACKGROUND = [16, 18, 20]
 _TEXT, _WAY = 0xD0D0D0FF, 0x8A8A8AFF
 
 
