@@ -5,8 +5,8 @@ from datetime import datetime
 from math import inf, nan
 
 from ..core.finding import catalogue
-from ..results.report.campaign import Bar, Bars, Campaign, PageTable
-from ..results.text_tables import DASH, bounded_number, energy_text, number, slip_text
+from ..results.report.campaign import Bar, Bars, Campaign
+from ..results.text_tables import DASH, TitledTable, bounded_number, energy_text, number, slip_text
 from .summary import Distribution, FleetSummary, SlidApplication, StopGroup
 
 _OF_SPREAD = (
@@ -44,7 +44,7 @@ def head(fleet: FleetSummary) -> str:
     )
 
 
-def tables(fleet: FleetSummary) -> list[PageTable]:
+def tables(fleet: FleetSummary) -> list[TitledTable]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
     places = fleet.by_km_and_hour
@@ -76,14 +76,16 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
     by_km = [{"km": str(row.group["km"]), **_spread(row)} for row in _most_slides(fleet.by_km)]
     by_hour = list(map(_km_and_hour, _most_slides(timed)))
     all_tables = (
-        PageTable(_SPEEDS, speeds, figure=of_speed, note=_OF_SPREAD),
-        PageTable("By settings", vehicles, 2, of_settings and of_settings._replace(named=True)),
-        PageTable(f"By day{scope}", newest_days, figure=of_days and of_days._replace(dated=True)),
-        PageTable(f"By kilometre{_scope(fleet.by_km)}", by_km, figure=of_km),
-        PageTable(f"By kilometre, day and hour (UTC){_scope(timed)}", by_hour, 3),
-        PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
-        PageTable(_WORST, slid, note=_OF_SLIDES),
-        PageTable(_FINDINGS, codes, 3),
+        TitledTable(_SPEEDS, speeds, figure=of_speed, note=_OF_SPREAD),
+        TitledTable(
+            "By settings", vehicles, 2, figure=of_settings and of_settings._replace(named=True)
+        ),
+        TitledTable(f"By day{scope}", newest_days, figure=of_days and of_days._replace(dated=True)),
+        TitledTable(f"By kilometre{_scope(fleet.by_km)}", by_km, figure=of_km),
+        TitledTable(f"By kilometre, day and hour (UTC){_scope(timed)}", by_hour, 3),
+        TitledTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
+        TitledTable(_WORST, slid, note=_OF_SLIDES),
+        TitledTable(_FINDINGS, codes, 3),
     )
     return [table for table in all_tables if table.rows]
 
@@ -110,7 +112,7 @@ def verdict(fleet: FleetSummary) -> str:
     )
 
 
-def lists(fleet: FleetSummary) -> list[PageTable]:
+def lists(fleet: FleetSummary) -> list[TitledTable]:
     """Failed logs with error and hint, and those whose numbers are doubtful; those with rows."""
     failed = [{k: str(v) for k, v in row.items()} for row in fleet.failed]
     check = [
@@ -118,16 +120,16 @@ def lists(fleet: FleetSummary) -> list[PageTable]:
         for row in fleet.to_check
     ]
     all_lists = (
-        PageTable("Failed logs", failed, 3),
-        PageTable(
+        TitledTable("Failed logs", failed, 3),
+        TitledTable(
             "Damaged logs and suspect units", check, 4, links=_links(fleet), marked="severity"
         ),
-        PageTable("Damaged or missing results", [{"log": log} for log in fleet.lost], 1),
+        TitledTable("Damaged or missing results", [{"log": log} for log in fleet.lost], 1),
     )
     return [table for table in all_lists if table.rows]
 
 
-def _on_page(table: PageTable, fleet: FleetSummary) -> PageTable:
+def _on_page(table: TitledTable, fleet: FleetSummary) -> TitledTable:
     """A table as the page has it: with titles of findings, and marks of doubtful logs."""
     if table.title == _FINDINGS:
         rows = [{**row, "finding": _title(row["finding"])} for row in table.rows]

@@ -4,7 +4,7 @@ import io
 import shutil
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ..core.finding import Finding
 from ..core.summary import FindingSummary
@@ -36,6 +36,9 @@ class TitledTable(NamedTuple):
     text_columns: int = 1  # how many columns are texts, from the left
     note: str = ""  # below it, a line for each subject
     lead: str = ""  # above it
+    figure: Any = None  # `campaign.Bars` above it on a page
+    links: Mapping[str, str] = {}  # places on the page, by the text of a cell
+    marked: str = ""  # the column in colour on a page
 
     def text(self) -> str:
         """The table without its title, as wide as the terminal."""

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from ..text_tables import TitledTable
+
 
 class Bar(NamedTuple):
     """The distribution of the adhesion coefficient in a group of brake applications [-]."""
@@ -26,24 +28,12 @@ class Bars(NamedTuple):
     named: bool = False  # whether the axis has their names in place of numbers
 
 
-class PageTable(NamedTuple):
-    """A table and its figure."""
-
-    title: str
-    rows: list[dict[str, str]]  # with the same keys, which are the header
-    text_columns: int = 1  # how many columns are texts, from the left
-    figure: Bars | None = None  # above the table
-    note: str = ""  # what its columns mean
-    links: Mapping[str, str] = {}  # places on the page, by the text of a cell
-    marked: str = ""  # the column in colour
-
-
 class Campaign(NamedTuple):
     """A page on many logs."""
 
     name: str  # its heading
     verdict: str  # one line
     lead: str  # the sentence below it
-    tables: Sequence[PageTable]
+    tables: Sequence[TitledTable]
     codes: Sequence[str] = ()  # of the findings that are explained
     about: Mapping[str, str] = {}  # how it was made, by the name of the fact

@@ -18,9 +18,10 @@ from PIL import Image
 
 from adhesion_cli.core.summary import Measured, StopSummary
 from adhesion_cli.results.report import page
-from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, PageTable
+from adhesion_cli.results.report.campaign import Bar, Bars, Campaign
 from adhesion_cli.results.report.protocol import Protocol
 from adhesion_cli.results.report.run import read
+from adhesion_cli.results.text_tables import TitledTable
 from adhesion_cli.stops.series import SeriesStop, StopSeries
 
 pytestmark = [
@@ -90,7 +91,7 @@ def test_the_figures_of_a_fleet_are_drawn(tab: Tab, tmp_path: Path) -> None:
     day = 86_400_000.0
     bars = [Bar(str(i), i * day, (i + 1) * day, 0.05, 0.1, 0.15, 0.04, 3) for i in range(4)]
     figures = Bars("speed", bars), Bars("day", bars, dated=True), Bars("by", bars, named=True)
-    tables = [PageTable(of.label, [{"a": "b"}], 1, of) for of in figures]
+    tables = [TitledTable(of.label, [{"a": "b"}], figure=of) for of in figures]
     path = tmp_path / "fleet.html"
     path.write_text(page.campaign_page(Campaign("fleet", "three figures", "", tables)), "utf-8")
     tab.open(path)
