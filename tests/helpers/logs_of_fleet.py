@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from adhesion_cli.core import bundled
-from adhesion_cli.fleet import processes, run, work  # noqa: F401 (run: reads the class first)
+from adhesion_cli.fleet import run, work, workers  # noqa: F401 (run: reads the class first)
 from adhesion_cli.fleet.locations import LogLocation
 
 _LINES = (bundled.folder("sample_logs") / bundled.SAMPLE).read_bytes().splitlines(keepends=True)
@@ -25,7 +25,7 @@ def write(folder: Path, count: int) -> list[Path]:
     return paths
 
 
-class _Kept(processes.Processes):
+class _Kept(workers.Processes):
     """Processes that the end of a run leaves alive."""
 
     def close(self) -> None:
@@ -43,7 +43,7 @@ def kept_processes() -> Iterator[None]:
         return pool[0]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(processes, "Processes", kept)
+        patch.setattr(workers, "Processes", kept)
         yield
     for one in pool:
         super(_Kept, one).close()
