@@ -13,7 +13,7 @@ from adhesion_cli.core.estimator import Estimator
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.export import files
-from adhesion_cli.export.c_types import Number
+from adhesion_cli.export.c_types import DOUBLE
 from adhesion_cli.export.interface import Interface
 
 W = wheelset(Vehicle(), 1)
@@ -39,7 +39,7 @@ class CMethod:
     def __init__(self, folder: Path, name: str) -> None:
         self.name, self.method = name, files.methods()[name]
         vehicle = (W.radius, W.phi, W.inertia, W.mass)
-        code = Interface(self.method, self.method.Params(), vehicle, Number(True), "test").code()
+        code = Interface(self.method, self.method.Params(), vehicle, DOUBLE, "test").code()
         (folder / f"adhesion_{name}.h").write_text(code.header, encoding="ascii")
         (folder / f"adhesion_{name}.c").write_text(code.source, encoding="ascii")
         library = folder / f"{name}.so"
