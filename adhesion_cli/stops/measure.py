@@ -104,7 +104,6 @@ def measure_stop(
     axles = tuple(axle_stops(signals, command, braking, settings))
     has_shape = not hidden and _has_shape(signals, axles, command, braking.stop)
     jerk = largest_jerk(smooth, command, _by_wheels(signals)) if has_shape else None
-    dead_time = find_dead_time(signals, braking)
     if braking.reason:
         quantities |= dict.fromkeys(quantities.keys() - _OF_ANY_BRAKING)
     return StopSummary(
@@ -116,7 +115,7 @@ def measure_stop(
         valid=not braking.reason,
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
-        dead_time_s=_measured(dead_time),
+        dead_time_s=_measured(find_dead_time(signals, braking)),
         build_up_s=None if math.isnan(equivalent) else _measured(build_up),
         jerk=_measured(jerk),
         axles=axles,
