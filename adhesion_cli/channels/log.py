@@ -186,15 +186,11 @@ def needed(
             line = f'channels.vent_valve."axle {m.axle or "N"}" = {valve}'
             names = {"setting": toml.option(line)}
             findings.append(Finding("valve-unclear", "info", channel=m.title, names=names))
-    return [*chosen, *_choose_further(meant, further)], findings
-
-
-def _choose_further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
-    """What is asked for beside the inputs, where its unit is known."""
     without_unit = ("latitude", "longitude", *model.STATES)
     short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
-    chosen = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
-    return [m for m in chosen if m.meaning not in model.PLACES or m.unit not in short_units]
+    asked = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
+    chosen += [m for m in asked if m.meaning not in model.PLACES or m.unit not in short_units]
+    return chosen, findings
 
 
 def without_empty(log: Log) -> Log:

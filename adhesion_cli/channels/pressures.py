@@ -64,7 +64,7 @@ def judge(
             judged[i] = replace(c, meaning="brake_pipe", axle=None, reason=reason)
             values = {"level_bar": level / 1e5}
             findings.append(Finding("pressure-of-brake-pipe", "info", c.title, values=values))
-        elif meant[i].zero is None and not _is_absolute(c) and _seems_absolute(c.data.value):
+        elif meant[i].zero is None and _seems_absolute(c):
             free_rolling = rolling if len(rolling) >= _SHORTEST_RUN else briefly_rolling
             judged[i], finding = _above_air(c, free_rolling, motion.free_slope if motion else 0.0)
             findings += [finding] if finding else []
@@ -91,16 +91,15 @@ def _is_brake_pipe(rolling: Floats, slowing: Floats) -> bool:
     return bool(_PIPE[0] < level < _PIPE[1] and reduced < lower - _LEAST_REDUCTION)
 
 
-def _is_absolute(c: Channel) -> bool:
-    """Whether its unit says that it counts from vacuum: then the air is off already."""
+def _seems_absolute(c: Channel) -> bool:
+    """Whether a pressure never falls far below that of the air, and has twice as much.
+
+    If its unit says that it counts from vacuum, the air is off already.
+    """
     unit = units.unit_for(c.unit, "pressure")
-    return unit is None or unit.offset != 0.0
-
-
-def _seems_absolute(pressure: Floats) -> bool:
-    """Whether a pressure [Pa] never falls far below that of the air, and has twice as much."""
-    lowest, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
-    return _AIR[0] < lowest < _AIR[1] and top > 2.0 * lowest
+    lowest, top = (float(x) for x in np.quantile(c.data.value, [0.02, 1.0]))  # [Pa]
+    is_air = unit is not None and not unit.offset and _AIR[0] < lowest < _AIR[1]
+    return is_air and top > 2.0 * lowest
 
 
 def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel, Finding | None]:

@@ -73,7 +73,14 @@ class Signals:
         Raises:
             UserError: for what is no table, and as above.
         """
-        arrow, index = _arrow(table), getattr(table, "index", None)
+        import pyarrow as pa
+
+        try:
+            arrow = pa.table(table)
+        except (TypeError, ValueError, pa.ArrowInvalid):
+            hint = "give a table of pandas, pyarrow or polars, or use Signals(time, {name: values})"
+            raise UserError(f"a {type(table).__name__} is no table", hint) from None
+        index = getattr(table, "index", None)
         names = list(arrow.column_names)
         if time is None and type(index).__name__ in ("DatetimeIndex", "TimedeltaIndex"):
             time = next(n for n in (getattr(index, "name", None), _INDEX) if n in names)
@@ -183,13 +190,3 @@ def _column(name: str, t: Times, values: ArrayLike) -> Column:
         text = f"signal {name!r} has the shape {value.shape}, the time {t.shape}"
         raise UserError(text, "give each signal one value for each time")
     return Column(t, value, np.isfinite(value))
-
-
-def _arrow(table: Any) -> Any:
-    import pyarrow as pa
-
-    try:
-        return pa.table(table)
-    except (TypeError, ValueError, pa.ArrowInvalid):
-        hint = "give a table of pandas, pyarrow or polars, or use Signals(time, {name: values})"
-        raise UserError(f"a {type(table).__name__} is no table", hint) from None

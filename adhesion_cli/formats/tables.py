@@ -108,20 +108,13 @@ class TableSource(Source):
             valid = np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
-                self.report(*_of_mask(code, f, t, mask, start))
+                if count := int(np.count_nonzero(mask)):
+                    # what was never measured is no loss
+                    severity = MASKS[code] if count < len(mask) else "info"
+                    spans, values = spans_of_mask(mask, t, start), {"samples": len(mask)}
+                    self.report(Finding(code, severity, f.name, count, spans, values))
             columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid, words))
         return columns
-
-
-def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable[Finding]:
-    """A finding on the samples of a mask, if there are any."""
-    count = int(np.count_nonzero(mask))
-    if not count:
-        return
-    spans = spans_of_mask(mask, t, start)
-    # what was never measured is no loss
-    severity = MASKS[code] if count < len(mask) else "info"
-    yield Finding(code, severity, f.name, count, spans, {"samples": len(mask)})
 
 
 def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:

@@ -33,12 +33,12 @@ _ZONES = {x: int(k) * 3600 for k, names in _FORMS["zones"].items() for x in name
 _ZONE = _FORMS["zone"].replace("ZONES", "|".join(_ZONES))
 
 
-def _with_zone(kind: str) -> dict[str, str]:
-    return {name: pattern + _ZONE for name, pattern in _FORMS[kind].items()}
-
-
+_CLOCKS, _AFTER_DATE = (
+    {name: pattern + _ZONE for name, pattern in _FORMS[kind].items()}
+    for kind in ("clocks", "after_date")
+)
 DATES: dict[str, str] = {k: x for k, x in _FORMS["dates"].items() if "CLOCK" not in x}
-CLOCKS: dict[str, str] = _with_zone("clocks") | _FORMS["alone"]
+CLOCKS: dict[str, str] = _CLOCKS | _FORMS["alone"]
 DIGITS: dict[str, str] = _FORMS["after_date"]  # a clock only beside a date or milliseconds
 STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
     {
@@ -46,7 +46,7 @@ STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
             "CLOCK", pattern
         )
         for date, form in _FORMS[kind].items()
-        for clock, pattern in (_with_zone("clocks") | _with_zone("after_date")).items()
+        for clock, pattern in (_CLOCKS | _AFTER_DATE).items()
     }
     for kind in ("dates", "short_dates")
 )
@@ -54,11 +54,10 @@ _ISO = STAMPS["colons ymd"], STAMPS["colons ymd"].replace("(?P<l>[0-9]{3})", _CO
 _MONTHS = {name: int(k) for k, names in _FORMS["months"].items() for name in names.split()}
 
 
-def _any_of(forms: Mapping[str, str]) -> re.Pattern[str]:
-    return re.compile("|".join(re.sub(r"\?P<\w>", "?:", form) for form in forms.values()))
-
-
-_ANY = [_any_of(forms) for forms in (CLOCKS | {"": "[0-9]{1,3}:[0-9]{2}"}, DATES, STAMPS)]
+_ANY = [
+    re.compile(re.sub(r"\?P<\w>", "?:", "|".join(forms.values())))
+    for forms in (CLOCKS | {"": "[0-9]{1,3}:[0-9]{2}"}, DATES, STAMPS)
+]
 
 
 @lru_cache(1 << 14)  # as of `is_number`

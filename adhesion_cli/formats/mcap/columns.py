@@ -29,6 +29,10 @@ class DecodingFault(NamedTuple):
     reason: str = ""  # why the message does not decode
 
 
+Places = Container[Steps]
+Faults = Iterator[tuple[DecodingFault, list[bool]]]  # each with the messages that have it
+
+
 class Decoder(ABC):
     """Turns the messages of one schema into trees (one) and columns (many)."""
 
@@ -64,9 +68,7 @@ class Decoder(ABC):
         except (LookupError, TypeError):
             return [_or_none(child, node) for node in nodes]
 
-    def faults(
-        self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Container[Steps]
-    ) -> Iterator[tuple[DecodingFault, list[bool]]]:
+    def faults(self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Places) -> Faults:
         """What differs in messages or arrays at a place, and in which.
 
         What is of another kind than `shape` becomes None in `nodes`.

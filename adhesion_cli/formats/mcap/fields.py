@@ -119,10 +119,8 @@ def states_unit(key: str) -> bool:
     return key in ("unit", "units") or key.startswith("unit.")
 
 
-def number_leaves(
-    tree: Tree, schema_unit: Units, metadata: dict[str, str], label_at: Steps = ()
-) -> tuple[list[Leaf], list[Steps], list[str]]:
-    """Every number of a message, in its order, and every text.
+class LeafSearch:
+    """Every number of a message, in its order, and every text; `label_at` is as of `owner_of`.
 
     A unit comes from the first of these places that states one:
 
@@ -130,23 +128,18 @@ def number_leaves(
     2. such a string one level above,
     3. the channel's metadata (`unit.<path>`, `unit`, `units`),
     4. the schema.
-
-    Returns the numbers, the places of texts, and the places that are not offered: too long, too
-    deep or opaque. `label_at` is as of `owner_of`.
     """
-    search = _LeafSearch(tree, schema_unit, metadata)
-    search.walk(tree, (), label_at, ())
-    return search.leaves, search.texts, search.omitted
 
-
-class _LeafSearch:
-    def __init__(self, tree: Tree, schema_unit: Units, metadata: dict[str, str]) -> None:
+    def __init__(
+        self, tree: Tree, schema_unit: Units, metadata: dict[str, str], label_at: Steps = ()
+    ) -> None:
         self._tree, self._schema_unit, self._metadata = tree, schema_unit, metadata
         self.leaves: list[Leaf] = []
         self.texts: list[Steps] = []
-        self.omitted: list[str] = []
+        self.omitted: list[str] = []  # places that are not offered: too long, too deep or opaque
+        self._walk(tree, (), label_at, ())
 
-    def walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
+    def _walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
         """Takes up the numbers at a place.
 
         `label_at` is the text that names it, `names_at` the array of texts that name its elements;
@@ -170,13 +163,13 @@ class _LeafSearch:
                 label_at = (*steps, key)
             for key, value in node.items():
                 names = next((k for k in ("name", "names") if _names(node.get(k), value)), None)
-                self.walk(value, (*steps, key), label_at, (*steps, names) if names else ())
+                self._walk(value, (*steps, key), label_at, (*steps, names) if names else ())
         elif any(isinstance(value, (int, float, dict, list)) for value in node):
             if len(node) > LONG_ARRAY:
                 self.omitted.append(f"{path(steps)} (more than {LONG_ARRAY} elements)")
                 return
             for i, value in enumerate(node):
-                self.walk(value, (*steps, i), (*names_at, i) if names_at else label_at, ())
+                self._walk(value, (*steps, i), (*names_at, i) if names_at else label_at, ())
 
     def _number(self, steps: Steps, label_at: Steps) -> None:
         if len(path(steps)) > _LONGEST:

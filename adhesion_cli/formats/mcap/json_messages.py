@@ -1,13 +1,13 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
 import json
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
 import orjson
 
-from .columns import Decoder, DecodingFault
+from .columns import Decoder, DecodingFault, Faults, Places
 from .fields import Steps, Tree, UndecodableError, nodes, path
 
 _NUMERIC_TYPES = (int, float, dict, list)  # of what is a number, or may hold some
@@ -70,9 +70,7 @@ class JsonDecoder(Decoder):
         """See Decoder."""
         return (steps for steps, node in nodes(tree) if isinstance(node, (dict, list)))
 
-    def faults(
-        self, nodes: list[Tree], shape: Tree, steps: Steps, wanted: Container[Steps]
-    ) -> Iterator[tuple[DecodingFault, list[bool]]]:
+    def faults(self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Places) -> Faults:
         """See Decoder."""
         kind = type(shape)
         if set(map(type, nodes)) != {kind}:

@@ -1,6 +1,6 @@
 """Protobuf messages: the protobuf library parses them one by one."""
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
 from typing import Any
@@ -12,7 +12,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
 
-from .columns import Decoder, DecodingFault
+from .columns import Decoder, DecodingFault, Faults, Places
 from .fields import DEEPEST, LONG_ARRAY, Opaque, Steps, Tree, UndecodableError
 
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
@@ -63,9 +63,7 @@ class ProtobufDecoder(Decoder):
         pairs = zip(nodes, has_field, strict=True)
         return [getattr(node, step) if is_there else None for node, is_there in pairs]
 
-    def faults(
-        self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Container[Steps]
-    ) -> Iterator[tuple[DecodingFault, list[bool]]]:
+    def faults(self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Places) -> Faults:
         """See Decoder."""
         messages = [node for node in nodes if node is not None]
         if not messages or not isinstance(shape, dict):

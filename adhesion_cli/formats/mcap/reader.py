@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import UserError
-from ...core.finding import Finding, Severity, Span
-from ...core.masks import spans_of
+from ...core.finding import Finding, Severity
+from ...core.masks import spans_of_mask
 from ...core.model import Column, Floats, Times
 from ..source import YEAR_1990, Field, ReadOptions, Source, TimeSource, number_words
 from .columns import Decoded, DecodingFault
@@ -122,10 +122,10 @@ class Collector:
         if np.count_nonzero(np.diff(run[order])) > _MOST_TURNS * run[-1]:
             return None
         newest = np.maximum.accumulate(t)
-        late_rows = np.flatnonzero(t < newest)
+        late_count = int(np.count_nonzero(t < newest))
         numbers, names = {"most_s": float((newest - t).max()) / 1e9}, {"clock": self._source}
-        finding = self.series.finding("mcap-unordered", "warning", len(late_rows), numbers, **names)
-        finding = replace(finding, spans=self._spans(late_rows, t))
+        finding = self.series.finding("mcap-unordered", "warning", late_count, numbers, **names)
+        finding = replace(finding, spans=spans_of_mask(t < newest, t, self._log_start))
         for array in (t, *values):
             array[:] = array[order]  # in place, to save memory
         return finding
@@ -136,13 +136,8 @@ class Collector:
         numbers = {"byte": self._blocks[first_block][1]}
         severity = _SEVERITY[fault.code]
         finding = self.series.finding(fault.code, severity, len(rows), numbers, **names)
-        return replace(finding, spans=self._spans(np.unique(rows), self._t))
-
-    def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
-        """Time spans of messages, one of each run of them."""
-        cuts = np.flatnonzero(np.diff(rows) > 1)
-        begins, stops = t[rows[np.append(0, cuts + 1)]], t[rows[np.append(cuts, -1)]]
-        return spans_of(np.minimum(begins, stops), np.maximum(begins, stops), self._log_start)
+        is_faulty = np.isin(np.arange(len(self._t)), rows)
+        return replace(finding, spans=spans_of_mask(is_faulty, self._t, self._log_start))
 
     def _column(self, leaf: Leaf, value: Floats, t: Times) -> Column:
         """One column; the numbers of an enum count its names."""

@@ -178,7 +178,8 @@ def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
 
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
-    numbers, texts, skipped = fields.number_leaves(s.tree, decoder.unit, s.metadata, s.owner_at)
+    search = fields.LeafSearch(s.tree, decoder.unit, s.metadata, s.owner_at)
+    numbers, texts, skipped = search.leaves, search.texts, search.omitted
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:
             skipped.append(f"a second {leaf.path}")

@@ -188,7 +188,10 @@ class Walk:
                 record = Metadata.read(self._file.content(offset, length))
                 self.metadata.setdefault(record.name, {}).update(record.metadata)
         elif opcode == Opcode.DATA_END and is_in_data:
-            self._end_of_data(offset, length)
+            self._data_end = offset + HEADER.size + length
+            crc = self._file.content(offset, length).read4()
+            if crc and self._file.crc(0, offset) != crc:
+                raise DamageError(offset, "data section has another CRC than it says")
         elif opcode in _DEFINITIONS:
             self._define(opcode, self._file.read(offset + HEADER.size, length), offset)
         elif opcode == Opcode.HEADER and offset == len(MAGIC):
@@ -224,12 +227,6 @@ class Walk:
         for name, (count, actual) in counts.items():
             if count != actual:
                 self._note(DamageError(offset, f"statistics say {count} {name}, found {actual}"))
-
-    def _end_of_data(self, offset: int, length: int) -> None:
-        self._data_end = offset + HEADER.size + length
-        crc = self._file.content(offset, length).read4()
-        if crc and self._file.crc(0, offset) != crc:
-            raise DamageError(offset, "data section has another CRC than it says")
 
     def _define(self, opcode: int, raw: bytes, offset: int) -> None:
         """Takes up a schema or channel; each keeps the definition that it had first.
