@@ -20,11 +20,7 @@ _OF_TEXT = ("encoding", "delimiter", "decimal")  # decisions that such a log doe
 
 
 def open_text(
-    kind: str,
-    path: Path,
-    write: Callable[[Path], Sequence[str]],
-    unit_source: str,
-    options: ReadOptions,
+    kind: str, path: Path, write: Callable[[Path], Sequence[str]], options: ReadOptions
 ) -> CsvSource:
     """Opens a table of another format as text.
 
@@ -39,7 +35,7 @@ def open_text(
     with text.open(encoding="utf-8", newline="") as file:
         lines = list(islice(file, HEAD + 1))
     names, *rows = csv.reader(lines)
-    dialect = dialect_of(tuple(names), tuple(units), rows, unit_source)
+    dialect = dialect_of(tuple(names), tuple(units), rows, "field metadata")
     row_count = len(rows) * text.stat().st_size / max(len("".join(lines).encode()), 1)
     options = replace(options, header=None, delimiter=None, decimal=None, encoding=None)
     source = open_table(text, dialect, row_count, options, str(path))

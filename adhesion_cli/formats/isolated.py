@@ -15,7 +15,6 @@ import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +57,10 @@ class Library:
         absolute = path.absolute()
         seconds = _SECONDS[0] + _SECONDS[1] * path.stat().st_size
         try:
-            child = _child(self.kind)
+            with _starting:
+                child = _children.get(self.kind)
+                if child is None or not child.is_usable:
+                    child = _children[self.kind] = Child()
             return child.call(_call, self, absolute, function, arguments, seconds=seconds)
         except ChildDiedError as error:
             ends = "crashes or needs too much memory", "does not come to an end"
@@ -90,15 +92,6 @@ _children: dict[str, Child] = {}
 _starting = threading.Lock()
 
 
-def _child(kind: str) -> Child:
-    """The process that reads logs of this kind, started if need be."""
-    with _starting:
-        child = _children.get(kind)
-        if child is None or not child.is_usable:
-            child = _children[kind] = Child()
-        return child
-
-
 # ---------------------------------------------------------------------------- the other process
 
 _opened: dict[Any, Reader] = {}  # the log that was read last, by what it was opened with
@@ -108,7 +101,6 @@ def _call(library: Library, path: Path, function: Callable[..., Any], arguments:
     """What the function makes of the file; runs in the other process."""
     try:
         _limit(path)
-        _import(library.modules)
         return function(path, *arguments)
     except Exception as error:
         _opened.clear()
@@ -121,15 +113,6 @@ def _call(library: Library, path: Path, function: Callable[..., Any], arguments:
         raise _as_user_error(error, library.description, path) from error
     finally:
         gc.collect()  # closes the file: on Windows, nobody can replace one that is open
-
-
-@cache
-def _import(modules: Sequence[str]) -> None:
-    """Imports a library, through which no search for garbage goes: 0.1 s for each log."""
-    for module in modules:
-        importlib.import_module(module)
-    gc.collect()
-    gc.freeze()
 
 
 def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None) -> Any:

@@ -38,7 +38,7 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
         other_variables.extend(others)
         return [""] * len(names)
 
-    source = open_text("mat", path, write, "", options)
+    source = open_text("mat", path, write, options)
     if other_variables:
         names = {"reason": "they are no vectors of the length that the time has"}
         names["groups"], count = ", ".join(other_variables[:6]), len(other_variables)
@@ -66,10 +66,11 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     own = (pair for pair in variables.items() if pair[0][:2] != "__")
     arrays = {name: x for variable in own for name, x in _columns(*variable)}
     columns = {name: x for name, x in arrays.items() if x.ndim == 1}
-    columns |= _counted(columns)
     lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
     times = [len(x) for name, x in columns.items() if time_name(name.split(".")[-1])]
     length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
+    if length and not times and (step := _step(columns)):
+        columns["time [s]"] = np.arange(length) * step
     names = [name for name, x in columns.items() if len(x) == length]
     if not length or len(names) < 2:
         sizes = ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
@@ -80,15 +81,12 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     return names, [f"{name} ({' x '.join(map(str, x.shape))})" for name, x in others.items()]
 
 
-def _counted(columns: dict[str, Any]) -> dict[str, Any]:
-    """The time that a rate or an interval states, where no variable is a time; else nothing."""
-    numbers = {name.split(".")[-1].casefold(): float(x[0]) for name, x in columns.items()}
+def _step(columns: dict[str, Any]) -> float:
+    """The time between two samples [s] that a rate or an interval states; 0 for none."""
+    numbers = {name.split(".")[-1].casefold(): float(x[0]) for name, x in columns.items() if len(x)}
     steps = [1.0 / x for name, x in numbers.items() if name in _RATES and x > 0.0]
     steps += [x for name, x in numbers.items() if name in _INTERVALS and x > 0.0]
-    lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
-    if not steps or not lengths or any(map(time_name, numbers)):
-        return {}
-    return {"time [s]": np.arange(lengths.most_common(1)[0][0]) * steps[0]}
+    return next(iter(steps), 0.0)
 
 
 def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:

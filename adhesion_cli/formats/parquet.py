@@ -81,7 +81,7 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
 
     if not columns or not meta.num_rows:
         raise without_numbers(path, findings)
-    source = open_text("parquet", path, write, "field metadata", options)
+    source = open_text("parquet", path, write, options)
     source.fields = [f for f in source.fields if f.channel not in durations]
     if not source.fields:
         raise without_numbers(path, findings)

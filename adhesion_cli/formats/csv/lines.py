@@ -30,6 +30,8 @@ _MOST_LINE_ENDS = 20  # in the cells of one row
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 FORMATS = "CSV, MCAP, Parquet, Excel, MATLAB, MDF 4, TDMS, CAN (BLF, ASC, TRC, candump, BUSMASTER)"
 READABLE = f"give a log in one of the formats: {FORMATS}"
+_MARKS = {"utf-8": codecs.BOM_UTF8}
+_MARKS |= {"utf-16-le": codecs.BOM_UTF16_LE, "utf-16-be": codecs.BOM_UTF16_BE}
 Line = tuple[int, str]  # number, from 1, and text
 # Shift-JIS: kana and kanji that no European text has as two bytes, then any kanji. Two neighbours
 # are a word; one alone may be a dash, an apostrophe or a per mille sign of cp1252 and what follows.
@@ -54,11 +56,7 @@ def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int
     Raises:
         UserError: where the file is binary, or the stated encoding unknown.
     """
-    for mark, codec in (
-        (codecs.BOM_UTF8, "utf-8"),
-        (codecs.BOM_UTF16_LE, "utf-16-le"),
-        (codecs.BOM_UTF16_BE, "utf-16-be"),
-    ):
+    for codec, mark in _MARKS.items():
         if head.startswith(mark):
             return codec, len(mark), f"{codec} (byte order mark)"
     codec, reason = _given_encoding(head, encoding, path) if encoding else _guessed(head, path)
@@ -78,13 +76,11 @@ def _given_encoding(head: bytes, encoding: str, path: Path) -> tuple[str, str]:
 
 
 def _guessed(head: bytes, path: Path) -> tuple[str, str]:
-    even_zeros, odd_zeros = head[0::2].count(0), head[1::2].count(0)
-    for rarer, commoner, codec in (
-        (even_zeros, odd_zeros, "utf-16-le"),
-        (odd_zeros, even_zeros, "utf-16-be"),
-    ):
-        if commoner > len(head) // 5 and rarer <= commoner // 50:
-            return codec, "every second byte is NUL"
+    zeros = head[0::2].count(0), head[1::2].count(0)
+    rarer, commoner = sorted(zeros)
+    if commoner > len(head) // 5 and rarer <= commoner // 50:
+        codec = "utf-16-le" if zeros[1] == commoner else "utf-16-be"
+        return codec, "every second byte is NUL"
     controls = len(head) - len(head.translate(None, _CONTROLS))
     if controls > max(4, len(head) // 200):
         raise UserError(f"{path}: is a binary file, not CSV", READABLE)
@@ -100,9 +96,8 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
     high_bytes = len(re.findall(rb"[\x80-\xff]", head))
     # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
     pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
-    if pairs > 0.5 * high_bytes and (
-        _decodes(head, "gb18030") or (pairs > 0.9 * high_bytes and high_bytes > 50)
-    ):
+    is_sure = pairs > 0.9 * high_bytes and high_bytes > 50
+    if pairs > 0.5 * high_bytes and (is_sure or _decodes(head, "gb18030")):
         return "gb18030", "not UTF-8; high bytes come in pairs"
     in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
     if 2 * in_words > high_bytes and _decodes(head, "cp932"):

@@ -104,8 +104,7 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
     except UserError:
         return []
     begun = [search.begun(clock) for clock in clocks if clock]
-    heads = [[pa.array(dialect.column(i)[:1]) for i in clock.columns] for clock in begun]
-    firsts = [clock.nanoseconds(head)[0][0] for clock, head in zip(begun, heads, strict=True)]
+    firsts = [search.first_time(clock) for clock in begun]
     if len(begun) < len(begins) or (begins is times and np.ptp(firsts) > _S):
         return []
     return list(zip(begun, columns, strict=True))
@@ -125,14 +124,12 @@ def column_index(dialect: Dialect, name: str, path: Path) -> int:
     names = list(dialect.names)
     if name in names:
         return names.index(name)
-    if (numbered := re.fullmatch(r"column ([0-9]+)", name)) and 1 <= int(numbered[1]) <= len(names):
-        return int(numbered[1]) - 1
+    numbers = [f"column {k}" for k in range(1, len(names) + 1)]
     folded = [n.casefold().strip() for n in names]
-    if folded.count(name.casefold().strip()) == 1:
-        return folded.index(name.casefold().strip())
-    for cells in reversed(dialect.header_cells):
-        if cells.count(name) == 1:
-            return cells.index(name)
+    in_rows = ((cells, name) for cells in reversed(dialect.header_cells))
+    for texts, text in ((numbers, name), (folded, name.casefold().strip()), *in_rows):
+        if texts.count(text) == 1:
+            return texts.index(text)
     hint = f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"'
     raise UserError(f"{path}: no column {name!r}", hint)
 
@@ -226,8 +223,7 @@ class _ClockSearch:
         is_digits = clock.may_be_digits and forms_of(columns[0], DIGITS)
         if not patterns or is_digits or not all(columns):
             return clock
-        heads = [pa.array(x[:1]) for x in columns]
-        first_time = int(clock.nanoseconds(heads)[0][0]) if heads else 0
+        first_time = self.first_time(clock)
         starts = {int(read([text], x)[0]) for x in patterns}
         start = min(starts)
         begin: int | None = start
@@ -251,6 +247,11 @@ class _ClockSearch:
             return replace(clock, start=begin, absolute=True, reason=reason)
         note = Finding("start-not-used", "info", names={"start": text, "problem": problem})
         return replace(clock, findings=(*clock.findings, note))
+
+    def first_time(self, clock: Clock) -> int:
+        """The time of the first row [ns], 0 where rows are counted."""
+        cells = [pa.array(self.dialect.column(i)[:1]) for i in clock.columns]
+        return int(clock.nanoseconds(cells)[0][0]) if cells else 0
 
     def _stamp_above(self) -> tuple[str, list[str]]:
         """Start or date that the lines above the table state, and the patterns that read it."""
@@ -532,18 +533,15 @@ class _ClockSearch:
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:
         """The clock of stamps, with the column of the other half of date and time, or None."""
-        cells, forms = self.dialect.column(i), STAMPS
-        columns: tuple[int, ...] = (i,)
+        cells = self.dialect.column(i)
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
-            if self.stands_apart(i):
-                return self._stamped((k,), CLOCKS, choice)
-            columns = (i, k)
-        elif forms_of(cells, CLOCKS):
-            if (k := self._partner(i, i - 1, DATES)) is not None:
-                columns = (k, i)
-            else:
-                return self._beside_date(i, choice) or self._stamped(columns, CLOCKS, choice)
-        return self._stamped(columns, forms, choice)
+            columns, forms = ((k,), CLOCKS) if self.stands_apart(i) else ((i, k), STAMPS)
+            return self._stamped(columns, forms, choice)
+        if not forms_of(cells, CLOCKS):
+            return self._stamped((i,), STAMPS, choice)
+        if (k := self._partner(i, i - 1, DATES)) is not None:
+            return self._stamped((k, i), STAMPS, choice)
+        return self._beside_date(i, choice) or self._stamped((i,), CLOCKS, choice)
 
     def _beside_date(self, i: int, choice: str) -> Clock | None:
         """The clock of a time of day beside a column named as a date; None where there is none."""

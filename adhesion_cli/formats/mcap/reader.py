@@ -122,10 +122,11 @@ class Collector:
         if np.count_nonzero(np.diff(run[order])) > _MOST_TURNS * run[-1]:
             return None
         newest = np.maximum.accumulate(t)
-        late_count = int(np.count_nonzero(t < newest))
-        numbers, names = {"most_s": float((newest - t).max()) / 1e9}, {"clock": self._source}
-        finding = self.series.finding("mcap-unordered", "warning", late_count, numbers, **names)
-        finding = replace(finding, spans=spans_of_mask(t < newest, t, self._log_start))
+        spans = spans_of_mask(t < newest, t, self._log_start)
+        latest = {"most_s": float((newest - t).max()) / 1e9}
+        count, names = int(np.count_nonzero(t < newest)), {"clock": self._source}
+        finding = self.series.finding("mcap-unordered", "warning", count, **names)
+        finding = replace(finding, spans=spans, values=latest)
         for array in (t, *values):
             array[:] = array[order]  # in place, to save memory
         return finding
@@ -133,11 +134,9 @@ class Collector:
     def _finding(self, fault: DecodingFault, rows: Offsets) -> Finding:
         first_block = bisect([row for row, _ in self._blocks], rows[0]) - 1
         names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}
-        numbers = {"byte": self._blocks[first_block][1]}
-        severity = _SEVERITY[fault.code]
-        finding = self.series.finding(fault.code, severity, len(rows), numbers, **names)
-        is_faulty = np.isin(np.arange(len(self._t)), rows)
-        return replace(finding, spans=spans_of_mask(is_faulty, self._t, self._log_start))
+        finding = self.series.finding(fault.code, _SEVERITY[fault.code], len(rows), **names)
+        spans = spans_of_mask(np.isin(np.arange(len(self._t)), rows), self._t, self._log_start)
+        return replace(finding, spans=spans, values={"byte": self._blocks[first_block][1]})
 
     def _column(self, leaf: Leaf, value: Floats, t: Times) -> Column:
         """One column; the numbers of an enum count its names."""

@@ -1,7 +1,7 @@
 """What each topic of a log carries: its channels, its decoder, and the numbers in its messages."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from typing import Any
@@ -48,16 +48,9 @@ class Series:
         """The schema's name."""
         return self.schema.name if self.schema else ""
 
-    def finding(
-        self,
-        code: str,
-        severity: Severity,
-        count: int = 0,
-        values: Mapping[str, float] | None = None,
-        **names: str,
-    ) -> Finding:
+    def finding(self, code: str, severity: Severity, count: int = 0, **names: str) -> Finding:
         """A finding about this topic; without a count all its messages."""
-        return Finding(code, severity, self.topic, count or self.rows, (), values or {}, names)
+        return Finding(code, severity, self.topic, count or self.rows, names=names)
 
 
 def grouped(walk: Walk) -> list[Series]:

@@ -18,6 +18,7 @@ from ..source import ReadOptions
 from . import records as file_records
 from .records import HEADER, MAGIC, BlockReader, DamageError, LogFile, RecordBlock, Records
 
+_STRICT = "without --strict, `adhesion convert` writes what is whole as a new file"
 _LONGEST_NAME = 4096  # characters of a topic
 _HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
 _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is kept
@@ -146,11 +147,7 @@ class Walk:
         if self._options.strict:
             raise self._error(damage) from damage
 
-    def _error(
-        self,
-        damage: DamageError,
-        hint: str = "without --strict, `adhesion convert` writes what is whole as a new file",
-    ) -> UserError:
+    def _error(self, damage: DamageError, hint: str = _STRICT) -> UserError:
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
 
     def _walk(self) -> None:
