@@ -17,8 +17,7 @@ from .meaning import Mapping, Meant, channel_fields, entry_of, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT, NO_NAME, UNCLEAR_VALVE
-from .state_words import as_levels, words_key
-from .to_si import channel
+from .to_si import as_levels, channel, words_key
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
 _NEEDED: dict[Meaning | None, str] = {"wheel_speed": "speed"}

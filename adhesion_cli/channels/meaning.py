@@ -15,8 +15,7 @@ from ..core.model import INPUTS, MOTOR_FORCES, OTHER_BRAKES, STATES, Meaning, Pa
 from ..core.text import enumerated
 from ..formats.source import Field
 from .places import UNCLEAR, served
-from .rules import GENERIC, Place, guess, name_words, place_of, word_of_kind
-from .state_words import says_state
+from .rules import GENERIC, Place, guess, name_words, place_of, says_state, word_of_kind
 
 
 @dataclass(frozen=True, slots=True)

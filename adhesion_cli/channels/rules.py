@@ -201,6 +201,11 @@ for _words in _WORDS_BY_KIND.values():
     _plain_words = (_without_marks(x) for x in _words if len(x) >= _SHORTEST_PLAIN)
     _words += [x for x in _plain_words if x.isascii() and x not in _KNOWN_WORDS]
 
+OFF, ON, CLOSED, OPEN = (
+    frozenset(" ".join(VOCABULARY["states"][kind].values()).split())
+    for kind in ("off", "on", "closed", "open")
+)
+
 
 @lru_cache(1 << 10)  # many rules ask for the same field
 def name_words(text: str) -> tuple[str, ...]:
@@ -413,6 +418,11 @@ def guess(field: Field) -> Guess:
         reasons = f"name has {names}" if names else "", source, rule.reason
         return Guess(rule.meaning, axle, unit, "; ".join(filter(None, reasons)))
     return Guess(None, axle, name.unit, NO_NAME)
+
+
+def says_state(words: tuple[str, ...]) -> bool:
+    """Whether one of these words of a column is known as that of a state."""
+    return any(word.casefold() in OFF | ON | CLOSED | OPEN for word in words)
 
 
 def names_brake(column: str) -> bool:

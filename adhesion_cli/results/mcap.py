@@ -17,7 +17,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..channels.state_words import words_key
+from ..channels.to_si import words_key
 from ..core import masks, model, physics, rounding, threads, toml
 from ..core.errors import UserError
 from ..core.model import AxleResult, Column, Event, Floats, Log, Result, Samples, Times

@@ -14,10 +14,10 @@ from helpers.trains import START, three_trains
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.formats.csv.arriving import ArrivingCsv
 from adhesion_cli.formats.csv.header_words import is_units_row, time_name
 from adhesion_cli.formats.csv.reader import CsvSource, open_csv
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.live.table import ArrivingCsv
 
 S = 1_000_000_000
 EPOCH = 1_795_266_307 * S  # 2026-11-21 13:05:07 UTC
