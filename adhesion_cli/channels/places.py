@@ -106,5 +106,4 @@ def _are_unclear(
     elif len(words) > 1 and (len(own_places) < len(pressures) or (None, None) in own_places):
         return True
     # As in "BCP M1/1": the last number may be that of a bogie or of an axle.
-    loose = all(p.part and p.is_loose for p in pressures.values())
-    return loose and counted == 2 * len(pressures)
+    return all(p.part and p.is_loose for p in pressures.values()) and counted == 2 * len(pressures)

@@ -218,8 +218,7 @@ def _of_recorder(
 
     def note(code: str, affected: Bools, values: dict[str, float]) -> None:
         spans = masks.spans_of_mask(affected, column.t, ends[0])
-        count = int(np.count_nonzero(affected))
-        notes.append(Finding(code, "info", m.title, count, spans, values))
+        notes.append(Finding(code, "info", m.title, int(np.count_nonzero(affected)), spans, values))
 
     unit, is_code = units.unit(m.unit), np.zeros(samples, dtype=np.bool_)
     is_share = bool(unit and unit.dimension == "ratio")

@@ -38,8 +38,7 @@ def open_text(
     dialect = dialect_of(tuple(names), tuple(units), rows, "field metadata")
     row_count = len(rows) * text.stat().st_size / max(len("".join(lines).encode()), 1)
     options = replace(options, header=None, delimiter=None, decimal=None, encoding=None)
-    source = open_table(text, dialect, row_count, options, str(path))
-    return as_log(source, kind, path, folder)
+    return as_log(open_table(text, dialect, row_count, options, str(path)), kind, path, folder)
 
 
 def dialect_of(

@@ -50,13 +50,11 @@ class _Database:
                         code=2,
                     )
         self._by_id = {key: message for key, (message, _) in origins.items()}
+        self.size = len(self._by_id)
         self._by_name = {m.name: key for key, m in self._by_id.items()}
         extended = ((number, m) for (number, is_long), m in self._by_id.items() if is_long)
         j1939 = ((number, m) for number, m in extended if m.protocol == "j1939")
         self._by_group = {_parameter_group(number): m for number, m in j1939}
-
-    def __len__(self) -> int:
-        return len(self._by_id)
 
     def message(self, identifier: int, extended: bool) -> Any:
         """The message of an identifier, None for none; of J1939 that of its parameter group."""
@@ -101,8 +99,7 @@ class _Frames:
         value, no_value = _decoded(bits[selected], message, signal)
         sizes = np.frombuffer(self.sizes, np.uint8)[selected].astype(np.int64)
         too_short = 8 * sizes <= max(_positions(signal))
-        masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
-        return selected, value, masks
+        return selected, value, {"value-missing": too_short, "value-is-text": no_value & ~too_short}
 
 
 class _CanSignal(NamedTuple):
@@ -179,7 +176,7 @@ class Reader:
         if self._unknown:
             return UserError(
                 f"{self._path}: no frame of the log is in the DBC (frames: {self._unknown_ids})",
-                f"state the DBC of this vehicle with --dbc; this one has {len(database)} messages",
+                f"state the DBC of this vehicle with --dbc; this one has {database.size} messages",
             )
         if damage := problems.damage or "".join(f"line {n}" for n in problems.lines[:1]):
             raise ValueError(damage)
@@ -382,8 +379,7 @@ def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
             return np.full(len(raw), np.nan)
         return raw.astype(f"<u{n // 8}").view(f"<f{n // 8}")
     if signal.is_signed:
-        unused_bits = np.uint64(64 - n)
-        return (raw << unused_bits).view(np.int64) >> np.int64(64 - n)
+        return (raw << np.uint64(64 - n)).view(np.int64) >> np.int64(64 - n)
     return raw
 
 

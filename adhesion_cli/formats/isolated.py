@@ -121,8 +121,7 @@ def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None)
     key = path, options, *(os.stat(file).st_mtime_ns for file in files)
     if key not in _opened:
         _opened.clear()  # lets the file before go
-        module = importlib.import_module(f".{kind}", __package__)
-        _opened[key] = module.Reader(path, options)
+        _opened[key] = importlib.import_module(f".{kind}", __package__).Reader(path, options)
     if wanted is None:
         return _opened[key].contents
     return _opened.pop(key).read(wanted)

@@ -110,8 +110,7 @@ class Reader:
         return (ticks if ticks > YEAR_1990 else 0), zone
 
     def _not_read(self, g: int, reason: str) -> Finding:
-        names = {"groups": self._names[g], "reason": reason}
-        return Finding("group-not-read", "info", names=names)
+        return Finding("group-not-read", "info", names={"groups": self._names[g], "reason": reason})
 
     def _add(self, g: int, group: Any) -> str:
         """Adds the channels of a group; "", or why it cannot be read."""

@@ -134,8 +134,7 @@ def _leaf_columns(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
     metadata = {b"unit": unit.encode(), **(f.metadata or {})}
     for k in range(longest):
         element = pc.list_element(padded, k)
-        element_field = pa.field(f"{name}[{k}]", element.type, metadata=metadata)
-        yield from _leaf_columns(element_field, element)
+        yield from _leaf_columns(pa.field(f"{name}[{k}]", element.type, metadata=metadata), element)
 
 
 def _pair(name: str) -> tuple[str, str]:

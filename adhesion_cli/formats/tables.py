@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..core import time_axis
-from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.masks import spans_of, spans_of_mask
 from ..core.model import Bools, Column, Floats, Times
@@ -46,11 +45,6 @@ class Contents:
     findings: list[Finding] = field(default_factory=list)
     texts: list[Field] = field(default_factory=list)  # of words, which are numbered on
     events: list[tuple[Finding, Times]] = field(default_factory=list)  # findings, and when [ns]
-
-    @property
-    def absolute(self) -> bool:
-        """Whether the log's times count from 1970."""
-        return self.start_ns >= YEAR_1990
 
 
 class TableSamples(NamedTuple):
@@ -85,7 +79,7 @@ class TableSource(Source):
             raise without_numbers(path, in_file)
         super().__init__(path, options)
         self.format, self._reader = kind, reader
-        self.absolute, self.time_reason = contents.absolute, contents.time_reason
+        self.absolute, self.time_reason = contents.start_ns >= YEAR_1990, contents.time_reason
         self.rows, self.reasons = contents.rows, contents.reasons
         self.fields, self.texts = contents.fields, contents.texts
         self._places = {f: i for i, f in enumerate([*contents.fields, *contents.texts])}
@@ -93,10 +87,6 @@ class TableSource(Source):
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`."""
-        for f in wanted:
-            if f not in self._places:
-                hint = "`adhesion inspect` lists the channels of a log"
-                raise UserError(f"{self.path}: no channel {f.channel!r}", hint)
         series, findings = self._reader.read([self._places[f] for f in wanted])
         axes = {id(x.t): x.t for x in series}
         start = min((time_axis.earliest(t) for t in axes.values() if len(t)), default=0)

@@ -284,8 +284,7 @@ class Reader:
         axes = dict.fromkeys(axis for _, axis in self._channels)
         by_columns = [axis.clock.reason for axis in axes if isinstance(axis, _Columns)]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
-        descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns
-        return "; ".join(dict.fromkeys(descriptions))
+        return "; ".join(dict.fromkeys([waves] * (len(by_columns) < len(axes)) + by_columns))
 
     def _named(self, pair: tuple[Any, _Axis]) -> NamedColumn:
         channel, axis = pair
@@ -440,8 +439,7 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
     types = [str(x) for k, x in last_scaling.items() if k.endswith("_Scale_Type")]
     has_raw_data = channel.data_type is None or "NI_Scaling_Status" in last_scaling
     try:
-        properties = (x.properties for x in (channel, group, file))
-        is_known_scaling = get_scaling(*properties) is not None
+        is_known_scaling = get_scaling(*(x.properties for x in (channel, group, file))) is not None
         channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"

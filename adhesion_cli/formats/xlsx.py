@@ -105,8 +105,7 @@ class _Sheet(NamedTuple):
     def is_complete(self) -> bool:
         """Whether it has a pressure and a speed."""
         texts = [x for head in self.heads for x in head]
-        units_of_texts = map(_unit_of, texts)
-        dimensions = {unit.dimension for unit in units_of_texts if unit}
+        dimensions = {unit.dimension for unit in map(_unit_of, texts) if unit}
         return "pressure" in dimensions and bool(dimensions & {"speed", "angular speed"})
 
     @property

@@ -68,9 +68,9 @@ class Parser:
         Raises:
             UserError: where the parser cannot follow it, or another header stands in it.
         """
-        lines, narrow, wide_lines = np.arange(block.lines), _NONE, _NONE
+        lines, narrow, wide_lines = np.arange(len(block.ends)), _NONE, _NONE
         try:
-            cells = self._cells(block.data, block.lines)
+            cells = self._cells(block.data, len(lines))
         except pa.ArrowInvalid:
             data, lines, narrow, wide_lines = self._sieved(block)
             try:

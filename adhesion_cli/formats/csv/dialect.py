@@ -56,10 +56,6 @@ class Dialect:
     preamble: tuple[str, ...] = ()  # lines above the header, which may come again
     unit_source: str = "units row"  # where the units stand
 
-    def number(self) -> re.Pattern[str]:
-        """Strict grammar of a number in this dialect."""
-        return number_grammar(self.decimal)
-
     def column(self, index: int) -> list[str]:
         """Non-null cells of a column in the head's rows."""
         return [c for row in self.rows if (c := row[index]) not in _NULLS]
@@ -161,8 +157,7 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         line = re.sub(r"[ \t]+", " ", line.strip())
     try:
-        lines = line.splitlines(True) or [""]
-        rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        rows = csv.reader(line.splitlines(True) or [""], delimiter=delimiter, skipinitialspace=True)
         cells = [c.strip() for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]

@@ -198,11 +198,6 @@ class LineBlock:
     def __post_init__(self) -> None:
         self.ends = np.flatnonzero(np.frombuffer(self.data, np.uint8) == 10)
 
-    @property
-    def lines(self) -> int:
-        """How many lines it has."""
-        return len(self.ends)
-
     def text(self, line: int) -> str:
         """The begin of a line, by its number in the block from 0."""
         start = int(self.ends[line - 1]) + 1 if line else 0

@@ -15,6 +15,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Times
 from ...core.text import listed
+from ..number_text import number_grammar
 from .block_parser import CsvTable
 from .dialect import Dialect
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
@@ -162,7 +163,7 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
 
     A column of few values keeps changing. The other columns are smooth only within each of them.
     """
-    number = dialect.number()
+    number = number_grammar(dialect.decimal)
     columns = {i: [row[i] for row in dialect.rows] for i in range(len(dialect.names))}
     numeric = {}
     for i, cells in columns.items():

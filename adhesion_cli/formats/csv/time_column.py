@@ -14,7 +14,7 @@ import pyarrow as pa
 from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
-from ..number_text import number_of, unit_behind
+from ..number_text import number_grammar, number_of, unit_behind
 from ..source import TAKEN_AS_UTC, ReadOptions
 from . import header_words
 from .cells import COUNTS, GPS, Clock, count_of
@@ -682,7 +682,7 @@ def _step(values: Sequence[float]) -> float:
 def _runs_apart(dialect: Dialect, i: int, k: int, offset: bool) -> bool:
     """Whether two columns rise at rates that no unit explains, or begin apart if `offset`."""
     pairs = [(row[i], row[k]) for row in dialect.rows if not (is_null(row[i]) or is_null(row[k]))]
-    number = dialect.number()
+    number = number_grammar(dialect.decimal)
     if len(pairs) < 3 or not all(number.fullmatch(c) for pair in pairs for c in pair):
         return False
     t, u = ([float(c.replace(",", ".")) for c in column] for column in zip(*pairs, strict=True))

@@ -131,8 +131,7 @@ class Decoded:
                     messages.append(self._decoder.parse(data[a:b]))
                     rows.append(row)
                 except UndecodableError as e:
-                    fault = DecodingFault("mcap-bad-message", reason=str(e))
-                    self.note(fault, np.array([row]))
+                    self.note(DecodingFault("mcap-bad-message", reason=str(e)), np.array([row]))
             if messages:
                 self._take(messages, np.array(rows))
 

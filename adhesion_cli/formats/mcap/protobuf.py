@@ -68,8 +68,7 @@ class ProtobufDecoder(Decoder):
         messages = [node for node in nodes if node is not None]
         if not messages or not isinstance(shape, dict):
             return
-        members = messages[0].DESCRIPTOR.fields
-        numbers = {f.number for f in members if (*steps, f.name) in wanted}
+        numbers = {f.number for f in messages[0].DESCRIPTOR.fields if (*steps, f.name) in wanted}
         reasons = [_wire_fault(node, numbers) for node in nodes]
         for reason in filter(None, dict.fromkeys(reasons)):
             fault = DecodingFault("mcap-bad-message", reason=reason)

@@ -159,8 +159,7 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
     """
     source = McapSource(Path(path), options)
     if not source.rows:
-        channels = len(source.walk.channels)
-        text = f"{path}: the log has no messages ({channels} channels are defined)"
+        text = f"{path}: the log has no messages ({len(source.walk.channels)} channels are defined)"
         raise UserError(text, "check that the logger recorded anything")
     return source
 
@@ -300,8 +299,8 @@ class McapSource(Source):
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:
-    unit = leaf.unit, leaf.unit_from
-    return Field(s.topic, place, leaf.label, s.group, *unit, s.name, s.encoding)
+    unit, kind = (leaf.unit, leaf.unit_from), s.schema.name if s.schema else ""
+    return Field(s.topic, place, leaf.label, s.group, *unit, kind, s.encoding)
 
 
 def _without_stamps(series: Sequence[Series]) -> str:

@@ -43,11 +43,6 @@ class Series:
     owner_at: Steps = ()  # where a message names its owner
     stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
 
-    @property
-    def name(self) -> str:
-        """The schema's name."""
-        return self.schema.name if self.schema else ""
-
     def finding(self, code: str, severity: Severity, count: int = 0, **names: str) -> Finding:
         """A finding about this topic; without a count all its messages."""
         return Finding(code, severity, self.topic, count or self.rows, names=names)
@@ -199,5 +194,4 @@ def _find_stamp(s: Series, trees: list[Tree]) -> None:
     has_stamp = any(node_at(trees[0], steps) is not None for steps in s.stamp.places)
     s.stamp_time = s.stamp.first_time(trees[0] if has_stamp else s.tree)
     stamps = [s.stamp.first_time(tree) for tree in trees]
-    repeats = sum(a == b for a, b in pairwise(stamps))
-    s.stamps_repeat = 2 * repeats > len(stamps) - 1
+    s.stamps_repeat = 2 * sum(a == b for a, b in pairwise(stamps)) > len(stamps) - 1
