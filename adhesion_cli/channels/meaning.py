@@ -61,6 +61,10 @@ class Meant:
     mapping: Mapping | None = None  # what the user states of it
     delay: Parameter | None = None  # of a train speed [s]; None where nobody states it
 
+    def without(self, reason: str) -> "Meant":
+        """The field without a meaning, for this reason."""
+        return replace(self, meaning=None, reason=reason)
+
     @property
     def title(self) -> str:
         """The field's name for people."""
@@ -196,7 +200,7 @@ def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
         m = meant[i]
         matching = stamped & {(m.meaning, m.axle), (m.meaning, None)}
         if m.field.message_type == "adhesion.AxleInput" and matching:
-            meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
+            meant[i] = m.without("its own stamps are in the file as well")
 
 
 def _prefer_the_measured(meant: list[Meant], guesses: list[int]) -> None:
@@ -208,8 +212,7 @@ def _prefer_the_measured(meant: list[Meant], guesses: list[int]) -> None:
         words = {i: name_words(" ".join(x)) for i, x in names.items()}
         derived = {i: x for i, w in words.items() if (x := word_of_kind(kind, w))}
         for i, word in derived.items() if 3 * len(derived) <= 2 * len(words) else ():
-            reason = f"{word!r} in the name, and others are measured"
-            meant[i] = replace(meant[i], meaning=None, reason=reason)
+            meant[i] = meant[i].without(f"{word!r} in the name, and others are measured")
 
 
 def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
@@ -232,7 +235,7 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
     named, unqualified = split("pressure", "cylinder", "braking")
     for i in unqualified if named else []:
-        meant[i] = replace(meant[i], meaning=None, reason="others are the brake cylinders'")
+        meant[i] = meant[i].without("others are the brake cylinders'")
     named, unqualified = split("wheel_speed", "wheel")
     for i in unqualified if named else []:
         unit = units.unit(meant[i].unit)
@@ -244,10 +247,7 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
 
 def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
-    """A lone speed beside a number of satellites is the train's.
-
-    An acceleration is integrated only where no speed of the train is logged.
-    """
+    """A lone speed beside satellites is the train's; an acceleration only if no speed is logged."""
     speeds = [i for i in guesses if meant[i].meaning in ("wheel_speed", "train_speed")]
     by_satellite = any(word_of_kind("satellites", name_words(m.title)) for m in meant)
     lone_speed = meant[speeds[0]] if len(speeds) == 1 and by_satellite else None
@@ -261,7 +261,7 @@ def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
     for i in rates if len(rates) < len(trains) else []:
         if i in guesses:
             reason = "an acceleration, not needed: the log has the train's speed itself"
-            meant[i] = replace(meant[i], meaning=None, reason=reason)
+            meant[i] = meant[i].without(reason)
 
 
 def _drop_other_numbers(meant: list[Meant], guesses: list[int]) -> None:
@@ -353,7 +353,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for i, (axles, is_counted_on) in served(channels).items():
         m = meant[i]
         if axles is None:
-            meant[i] = replace(m, meaning=None, reason=UNCLEAR)
+            meant[i] = m.without(UNCLEAR)
             continue
         if is_counted_on:
             counted_on.append((replace(m, axle=axles[0]), axles))
@@ -387,8 +387,7 @@ def _drop_sums(meant: list[Meant], guesses: list[int]) -> None:
         details = {i: 3 if of_axle else 2 if x.bogie else bool(x.part) for i, of_axle, x in forces}
         finest = max(details.values(), default=0)
         for i in (i for i, detail in details.items() if detail < finest):
-            reason = "a sum, and the log has its parts as well"
-            meant[i] = replace(meant[i], meaning=None, reason=reason)
+            meant[i] = meant[i].without("a sum, and the log has its parts as well")
 
 
 def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -438,8 +437,7 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             continue
         key = (m.meaning, m.axle)
         if (holder := holders.setdefault(key, m)) is not m:
-            reason = f"{holder.title} is taken as the {m.meaning} already"
-            meant[i] = replace(m, meaning=None, reason=reason)
+            meant[i] = m.without(f"{holder.title} is taken as the {m.meaning} already")
             if i in in_unit or not units.unit_for(holder.unit, m.meaning):
                 repeats.setdefault(key, []).append(m.field)
     findings = []

@@ -29,11 +29,7 @@ def bogie_axles(bogie: int, count: int = 2) -> tuple[int, ...]:
 
 
 def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
-    """The axles that each channel serves.
-
-    `channels` has meaning and place of each, by any key. Those that no axle has are not in the
-    answer.
-    """
+    """The axles that each channel serves, of its meaning and place; no other meanings'."""
     places = {i: place for i, (meaning, place) in channels.items() if meaning in _OF_AXLES}
     places = _counted_in_bogies(places)
     speeds = {i: p for i, p in places.items() if channels[i][0] == "wheel_speed"}

@@ -97,10 +97,7 @@ def _unpacked(container: bytes) -> bytes | None:
 
 
 def _frames(data: bytes, place: int, problems: Problems) -> Generator[Frame, None, bytes]:
-    """The frames among objects; returns the rest, which is not whole.
-
-    An object that states a wrong length is noted, and the next one is looked for.
-    """
+    """The frames among objects; returns the rest. One after a wrong length is looked for."""
     offset = 0
     while (begin := data.find(b"LOBJ", offset)) >= 0:
         if begin + 32 > len(data):

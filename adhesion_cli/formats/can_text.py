@@ -67,10 +67,7 @@ _LEAST_DECIMALS = 6  # of steps: many coarser ones add up to a wrong time
 
 
 class TextLog:
-    """A text log of frames.
-
-    `start` [s since 1970] is known once the first frame is read; 0 where the log states none.
-    """
+    """A text log of frames; `start` [s since 1970], 0 for none, is known with the first frame."""
 
     def __init__(self, path: Path, problems: Problems) -> None:
         self._path, self._problems = path, problems

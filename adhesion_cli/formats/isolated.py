@@ -13,16 +13,16 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..core.children import Child, ChildDiedError
 from ..core.errors import UserError, installed_by
-from ..core.finding import Finding
 from .source import ReadOptions, damaged
-from .tables import Contents, Reader, TableSamples, TableSource
+from .tables import Reader, TableSource
 
 _MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
 _SECONDS = 120, 2e-6  # for one answer, and for each byte of the file
@@ -46,7 +46,9 @@ class Library:
         if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
             text = f"{path}: {self.description} needs {' and '.join(missing)}, not installed"
             raise UserError(text, installed_by(self.extra))
-        return TableSource(path, self.kind, options, _Remote(self, path, options))
+        own = replace(options, dbc=tuple(str(Path(name).absolute()) for name in options.dbc))
+        ask = partial(self.call, path, _read, self.kind, own)
+        return TableSource(path, self.kind, options, ask)
 
     def call(self, path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
         """What a function makes of a log in the other process; it takes the path first.
@@ -68,24 +70,6 @@ class Library:
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))
             raise
-
-
-class _Remote:
-    """A `Reader` whose library runs in the other process."""
-
-    def __init__(self, library: Library, path: Path, options: ReadOptions) -> None:
-        dbc = tuple(str(Path(name).absolute()) for name in options.dbc)
-        self._library, self._path, self._options = library, path, replace(options, dbc=dbc)
-        self.contents: Contents = self._ask(None)
-
-    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
-        """See `Reader`."""
-        samples: tuple[list[TableSamples], list[Finding]] = self._ask(list(wanted))
-        return samples
-
-    def _ask(self, wanted: list[int] | None) -> Any:
-        """The columns of these numbers, or what the log holds."""
-        return self._library.call(self._path, _read, self._library.kind, self._options, wanted)
 
 
 _children: dict[str, Child] = {}
@@ -110,7 +94,15 @@ def _call(library: Library, path: Path, function: Callable[..., Any], arguments:
             cause = cause.__context__
         if isinstance(error, UserError):
             raise
-        raise _as_user_error(error, library.description, path) from error
+        if isinstance(error, MemoryError):
+            size = _allowed(path.stat().st_size) / 2**30
+            text = f"{path}: reading it takes more than {size:.0f} GiB of memory"
+            hint = "split the log, or export the channels that are needed"
+            raise UserError(text, hint) from error
+        reason = " ".join(str(error).split())[:120]
+        if type(error) is not ValueError:
+            reason = f"its structure is wrong ({type(error).__name__}: {reason})"
+        raise damaged(path, library.description, reason) from error
     finally:
         gc.collect()  # closes the file: on Windows, nobody can replace one that is open
 
@@ -122,20 +114,7 @@ def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None)
     if key not in _opened:
         _opened.clear()  # lets the file before go
         _opened[key] = importlib.import_module(f".{kind}", __package__).Reader(path, options)
-    if wanted is None:
-        return _opened[key].contents
-    return _opened.pop(key).read(wanted)
-
-
-def _as_user_error(error: Exception, description: str, path: Path) -> UserError:
-    if isinstance(error, MemoryError):
-        size = _allowed(path.stat().st_size) / 2**30
-        text = f"{path}: reading it takes more than {size:.0f} GiB of memory"
-        return UserError(text, "split the log, or export the channels that are needed")
-    reason = " ".join(str(error).split())[:120]
-    if type(error) is not ValueError:
-        reason = f"its structure is wrong ({type(error).__name__}: {reason})"
-    return damaged(path, description, reason)
+    return _opened[key].contents if wanted is None else _opened.pop(key).read(wanted)
 
 
 def _allowed(size: int) -> int:

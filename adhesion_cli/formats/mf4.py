@@ -148,10 +148,7 @@ class Reader:
         self._words |= {place: x for place, x in words.items() if x}
 
     def _master(self, g: int, i: int) -> _Master | None:
-        """How the time of a group is read, None where its unit is none of time.
-
-        Seconds since 1970 are known by their size, also as ms, us or ns that no unit states.
-        """
+        """How a group's time is read, since 1970 by its size; None if its unit is none of time."""
         said = self._mdf.get_channel_unit(group=g, index=i) or "s"
         unit = self._options.time_unit or time_unit(said)
         if unit is None:

@@ -106,10 +106,7 @@ def distinct_words(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def number_words(words: list[str], met: Iterable[str]) -> dict[str, float]:
-    """The number of each word of a column; those met that are new are appended to the others.
-
-    There are at most `MOST_WORDS`; further ones have no number.
-    """
+    """The number of each word of a column; new ones are appended, up to `MOST_WORDS` in all."""
     new_words = [word for word in dict.fromkeys(met) if word not in words]
     words += new_words[: MOST_WORDS - len(words)]
     return {word: float(k) for k, word in enumerate(words)}

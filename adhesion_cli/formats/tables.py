@@ -5,7 +5,7 @@ columns and findings of them, the same way for every format.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -70,15 +70,17 @@ class Reader(Protocol):
 
 
 class TableSource(Source):
-    """A log that a `Reader` reads."""
+    """A log that a `Reader` reads; `ask` gives what it reads of some places, of None `contents`."""
 
-    def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
-        contents = reader.contents
+    def __init__(
+        self, path: Path, kind: str, options: ReadOptions, ask: Callable[[Any], Any]
+    ) -> None:
+        contents: Contents = ask(None)
         if not contents.fields or not contents.rows:
             in_file = (f for f in contents.findings if catalogue()[f.code].section == "file")
             raise without_numbers(path, in_file)
         super().__init__(path, options)
-        self.format, self._reader = kind, reader
+        self.format, self._ask, self._events = kind, ask, contents.events
         self.absolute, self.time_reason = contents.start_ns >= YEAR_1990, contents.time_reason
         self.rows, self.reasons = contents.rows, contents.reasons
         self.fields, self.texts = contents.fields, contents.texts
@@ -87,12 +89,11 @@ class TableSource(Source):
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`."""
-        series, findings = self._reader.read([self._places[f] for f in wanted])
+        series, findings = self._ask([self._places[f] for f in wanted])
         axes = {id(x.t): x.t for x in series}
         start = min((time_axis.earliest(t) for t in axes.values() if len(t)), default=0)
-        events = self._reader.contents.events
         self.report(*findings)
-        self.report(*(replace(f, spans=spans_of(t, t, start)) for f, t in events))
+        self.report(*(replace(f, spans=spans_of(t, t, start)) for f, t in self._events))
         columns = []
         for f, (t, value, masks, words) in zip(wanted, series, strict=True):
             valid = np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
@@ -161,10 +162,7 @@ def state_fields(
     words: Mapping[Any, Sequence[str]],
     numbers: Mapping[Any, Field],
 ) -> list[Field]:
-    """A field for each channel of words.
-
-    `words` are those in its head. Words may stand for the `numbers` of a place.
-    """
+    """A field for each channel of words, those of its head; words may stand for the `numbers`."""
     others = {place: x for place, x in named.items() if place not in numbers}
     by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
     return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]

@@ -171,10 +171,7 @@ class Reader:
         self._findings.append(Finding("channel-not-read", severity, channel.name, 1, names=names))
 
     def _states(self, channel: Any) -> _States:
-        """What properties say of a channel, and from which of its samples on.
-
-        Those of the group and the file hold where the channel has none of its own.
-        """
+        """What properties of channel, else group, else file say, and from which sample on."""
         paths = "/", channel.path.rsplit("/", 1)[0], channel.path
         by_path: dict[str, _Properties] = {path: {} for path in paths}
         states: _States = [(0, {})]
@@ -325,10 +322,7 @@ _Changes = list[tuple[dict[str, int], dict[str, _Properties]]]
 
 
 def _open_file(path: Path) -> tuple[Any, _Changes]:
-    """The file, and the properties of each segment; the library keeps the last of each.
-
-    A segment with properties has the samples that each channel has before it.
-    """
+    """The file, and for each segment its properties and the samples of each channel before it."""
     from nptdms import tdms
 
     changes: _Changes = []
@@ -355,10 +349,7 @@ def _open_file(path: Path) -> tuple[Any, _Changes]:
 
 
 def _waves(states: _States) -> _Waves:
-    """The time that properties state, no piece where they state none.
-
-    A piece that begins where the one before ends, to half a sample, is no piece of its own.
-    """
+    """Pieces of time that properties state; one that goes on to half a sample is none."""
     pieces: list[_Wave] = []
     for row, properties in states:
         wave = _wave(properties)

@@ -26,7 +26,7 @@ from ..core.errors import UserError, unknown
 from ..core.finding import Finding, Severity
 from ..core.text import listed
 from .as_text import as_log
-from .csv.header_words import speaks_of_time, time_name
+from .csv.header_words import speaks_of_time, time_name, unit_of
 from .csv.reader import CsvSource, open_csv
 from .isolated import Library
 from .number_text import is_number
@@ -105,7 +105,7 @@ class _Sheet(NamedTuple):
     def is_complete(self) -> bool:
         """Whether it has a pressure and a speed."""
         texts = [x for head in self.heads for x in head]
-        dimensions = {unit.dimension for unit in map(_unit_of, texts) if unit}
+        dimensions = {unit.dimension for unit in map(unit_of, texts) if unit}
         return "pressure" in dimensions and bool(dimensions & {"speed", "angular speed"})
 
     @property
@@ -188,7 +188,7 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
     """The visible sheets of these names that have two columns of numbers."""
 
     def says_brake(head: str) -> bool:
-        unit = _unit_of(head)
+        unit = unit_of(head)
         is_measured = unit is not None and unit.dimension in _MEASURED
         return is_measured or (options.names_brake is not None and options.names_brake(head))
 
@@ -204,11 +204,6 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
         is_log = len(columns[0].text) > _RESULTS or any(any(map(speaks_of_time, x)) for x in heads)
         sheets.append(_Sheet(name, columns, stated_count, is_of_brake, is_log))
     return sheets
-
-
-def _unit_of(head: str) -> units.Unit | None:
-    """The unit that a cell of a head is, or has in its name."""
-    return units.unit(head) or units.unit(units.in_name(head)[1])
 
 
 def _joined(sheets: Sequence[_Sheet], are_places: bool) -> tuple[list[str], list[_Column]] | None:

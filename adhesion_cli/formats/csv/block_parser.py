@@ -84,14 +84,13 @@ class Parser:
         for i in self.table.dialect.removals.keys() & columns.keys():
             pattern = self.table.dialect.removals[i]
             columns[i] = pc.replace_substring_regex(columns[i], pattern, r"\1")
-        times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
-        missing = np.zeros(len(lines), np.bool_)
+        missing = absent = np.zeros(len(lines), np.bool_)
+        times, timed = np.zeros(len(lines), np.int64), ~missing
         if clock.columns:
             times, timed = clock.nanoseconds([columns[i] for i in clock.columns])
-        absent = np.zeros(len(lines), np.bool_)  # rows of other columns, which have their own time
         if not timed.all():
             missing = np.any([is_missing(columns[i]) for i in clock.columns], axis=0)
-            if self.table.columns:
+            if self.table.columns:  # rows of other columns have their own time
                 absent = ~timed & np.all([columns[i].is_null() for i in self.indices], axis=0)
         faults = {
             "too few cells": narrow,
@@ -138,12 +137,9 @@ class Parser:
         names = [f"c{i}" for i in range(dialect.width)]
         # blocks run in parallel, so each is read by one thread
         reads = arrow.ReadOptions(column_names=names, use_threads=False, block_size=len(data) + 1)
-        converts = arrow.ConvertOptions(
-            column_types=schema,
-            include_columns=schema.names,
-            null_values=list(NULLS),
-            strings_can_be_null=True,
-        )
+        nulls = {"null_values": [*NULLS], "strings_can_be_null": True}
+        types = {"column_types": schema, "include_columns": schema.names}
+        converts = arrow.ConvertOptions(**types, **nulls)
         parses = arrow.ParseOptions(delimiter=dialect.delimiter)
         cells = arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
         if cells.num_rows != rows:
@@ -159,19 +155,14 @@ class Parser:
         data, delimiter, width = block.data, self.table.dialect.delimiter, self.table.dialect.width
         text, line_ends = np.frombuffer(data, np.uint8), block.ends
         starts = np.append(0, line_ends[:-1] + 1)
-        if b'"' in data:
-            lines = data.decode("utf-8", "replace").split("\n")[:-1]
-            cells = np.array([_closed_cells(line, delimiter) for line in lines])
-        else:
-            marks = np.flatnonzero(text == ord(delimiter))
-            cells = np.searchsorted(marks, line_ends) - np.searchsorted(marks, starts) + 1
+        lines = data.decode("utf-8", "replace").split("\n")[:-1]
+        cells = np.array([_closed_cells(line, delimiter) for line in lines])
         remaining = np.ones(len(text), bool)
         if self.table.dialect.has_remarks:
             for k in np.flatnonzero(cells == width + 1).tolist():
                 comment_start = data.rindex(delimiter.encode(), starts[k], line_ends[k])
                 remaining[comment_start : line_ends[k]] = False
                 cells[k] = width
-        cells[line_ends == starts] = 0
         remaining &= np.repeat(cells == width, line_ends + 1 - starts)
         regular, narrow, wide = map(np.flatnonzero, (cells == width, cells < width, cells > width))
         return text[remaining].tobytes(), regular, narrow, wide

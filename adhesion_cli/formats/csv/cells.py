@@ -178,10 +178,7 @@ class Clock:
         return bool(self.unit) and not self.absolute
 
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
-        """Times [ns] of the rows of one block, and which of them hold; shape (n,).
-
-        `arrays` are the clock's columns as text, null where a cell has no value.
-        """
+        """Times [ns] of rows by the clock's columns as text, and which of them hold; shape (n,)."""
         t, ok = self._nanoseconds(arrays)
         return (np.where(ok, t + self.start, 0), ok) if self.start else (t, ok)
 

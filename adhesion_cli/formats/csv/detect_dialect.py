@@ -48,7 +48,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     rows = [(number, _cells(text, delimiter, width)) for number, text in body]
     rows_above = [(number, split(text, delimiter)) for number, text in preamble]
-    of_width = [[*map(_without_unit, x)] for _, x in rows if len(x) == width]
+    by_width = (x for _, x in rows if len(x) == width)
+    of_width = [[c.removesuffix(unit_behind(c)).rstrip() for c in x] for x in by_width]
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
@@ -89,9 +90,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     text_above = tuple(text.strip() for number, text in lines if number < rows[header.top][0])
     is_headed, first_line = bool(header.names), rows[header.start][0]
     written = encoding, bom, delimiter, decimal, is_headed, first_line, leading_lines
-    above = removals, labels, has_remarks, segments, text_above
-    said = {name: reason for name, reason in reasons.items() if reason}
-    return Dialect(width, names, header_cells, tuple(units), data, *written, said, *above)
+    above = {k: x for k, x in reasons.items() if x}, removals, labels, has_remarks, segments
+    return Dialect(width, names, header_cells, tuple(units), data, *written, *above, text_above)
 
 
 def _cells(text: str, delimiter: str, width: int) -> list[str]:
@@ -101,10 +101,6 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
         aligned = re.split(r"[ \t]{2,}|\t", text.strip())
         return aligned if len(aligned) == width else cells
     return cells
-
-
-def _without_unit(cell: str) -> str:
-    return cell.removesuffix(unit_behind(cell)).rstrip()
 
 
 def _completed(names: list[str], data: list[list[str]]) -> list[str]:

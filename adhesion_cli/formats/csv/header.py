@@ -261,10 +261,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
 
 
 def _below_names(table: FirstRows, start: int) -> int:
-    """The first row of data; or the first of some that describe the columns, as catman writes.
-
-    They stand below names with units, or below the row of units.
-    """
+    """The first row of data; or of those below names and units that say more, as catman writes."""
     for k in range(start - 2, max(start - 8, -1), -1):
         cells, has_units = table.rows[k][1], is_units_row(table.rows[k + 1][1])
         if len({*cells}) == len(cells) == table.width and any(map(speaks_of_time, cells)):
@@ -280,10 +277,7 @@ def _is_statistics(cells: list[str]) -> bool:
 
 
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:
-    """Whether a row of text above the header's rows so far is one of them.
-
-    `names` are the cells of these rows.
-    """
+    """Whether a row of text above the header's rows so far, of cells `names`, is one of them."""
     said = sum(map(bool, cells))
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)
     if not names:

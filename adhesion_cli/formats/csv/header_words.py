@@ -99,13 +99,14 @@ def label(cell: str) -> str | None:
     return _LABELS.get(normal(re.sub(r"(?<=\w)\s*[\[(].*", "", cell)).strip(":[]"))
 
 
-def interval_s(kind: str | None, number: float, texts: Iterable[str]) -> float:
-    """Seconds between two samples, by the number behind such a label; 0 where it states none.
+def unit_of(text: str) -> units.Unit | None:
+    """The unit that a text is, or has in its name."""
+    return units.unit(text) or units.unit(units.in_name(text)[1])
 
-    `kind` is that of the label, `texts` may state the unit.
-    """
-    units_of_texts = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
-    stated = [unit for unit in units_of_texts if unit]
+
+def interval_s(kind: str | None, number: float, texts: Iterable[str]) -> float:
+    """Seconds between samples by a label's kind, its number and texts of its unit; 0 for none."""
+    stated = [unit for unit in map(unit_of, texts) if unit]
     dimension = {"interval": "time", "rate": "pulse rate"}.get(kind or "")
     if not dimension or number <= 0.0 or any(x.dimension != dimension for x in stated):
         return 0.0

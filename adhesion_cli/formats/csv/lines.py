@@ -206,10 +206,7 @@ class LineBlock:
 
 
 class Splitter:
-    """Whole lines of bytes that come in pieces, as UTF-8 with line feeds.
-
-    The first `skip` lines are no rows.
-    """
+    """Whole lines of bytes in pieces, as UTF-8 with line feeds; the first `skip` are no rows."""
 
     def __init__(self, path: Path, dialect: Dialect, skip: int) -> None:
         self._path, self._delimiter, self._skip = path, dialect.delimiter, skip
@@ -255,9 +252,7 @@ class Splitter:
         """The rows as the parser needs them."""
         if "\0" in rows:  # each end of a hole may be a part of another row
             rows = re.sub(r"(?m)^[^\n\0]*\0[^\n]*\n", "\0\n", rows)
-        if not rows.isascii():  # a file joined to another begins with a mark
-            rows = plain(rows)
-        delimiter = self._delimiter
+        rows, delimiter = plain(rows), self._delimiter  # one joined to another begins with a mark
         if delimiter not in " \t" and "\t" in rows:
             rows = rows.replace("\t", " ")
         if delimiter != " ":  # the parser knows a quote only right after the delimiter

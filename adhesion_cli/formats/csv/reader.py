@@ -90,10 +90,7 @@ def _named(path: Path, name: str) -> Iterator[None]:
 
 
 class CsvSource(Source):
-    """A delimited text log, opened.
-
-    `lines` counts the lines of the file by what became of them, complete after `columns`.
-    """
+    """A delimited text log; `lines` counts its lines by what became of them, after `columns`."""
 
     format = "csv"
     remedy = "correct the log, or read it without --strict"

@@ -71,11 +71,7 @@ class Losses:
         self._dialect = dialect
 
     def add(self, parsed: ParsedBlock, timed: Bools, row_count: int) -> None:
-        """Counts what is left out of a block.
-
-        `timed` are the rows of its arrays that are used, `row_count` counts those of earlier
-        blocks.
-        """
+        """Counts what is left out of a block; of its rows `timed` are used, `row_count` before."""
         row_lines = parsed.lines[timed]
         for kind, lines in parsed.dropped.items():
             self.lines[kind] += len(lines)
@@ -131,10 +127,7 @@ class Losses:
             value[:] = np.nan
 
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
-        """What was left out, as findings.
-
-        `t` are the times of the rows that are used [ns], `start` is that of the log.
-        """
+        """What was left out; `t` are the times of rows that are used [ns], `start` the log's."""
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
             is_below = kind == "time unreadable" and min(map(np.min, loss.places)) == len(t)
             if is_below and _RESULT.match(loss.text):  # below the samples
@@ -278,10 +271,7 @@ def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> 
 
 
 class UsedRows:
-    """Which rows are used, block by block: those with a time, and with a key that is wanted.
-
-    Of `wanted` keys, None are all that occur.
-    """
+    """Which rows are used, block by block: those with a time and a wanted key, of None with any."""
 
     def __init__(self, table: CsvTable, keys: tuple[int, ...], wanted: list[Key] | None) -> None:
         self.met = list(wanted or [])

@@ -408,15 +408,13 @@ class _ClockSearch:
         epoch = "Unix epoch, " if absolute else ""
         reason = f"{choice}; {count.name or epoch + unit} ({source})"
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
-            text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
-            raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})", values)
+            text = f"{self.path}: times in column {name!r} in {unit} ({source}) would lie beyond "
+            text += f"the year 2060 ({dialect.column(i)[0]})"
+            raise UserError(text, self.proposal(i, values))
         return Clock((i,), unit, "", dialect.mark(i), absolute, reason, notes)
 
     def _gps(self, name: str, unit: str, first: float) -> tuple[str, Finding] | None:
-        """The count of times that may be those of GPS, and a note; None where they are not.
-
-        Ten years lie between both.
-        """
+        """The count of times that may be GPS's, ten years apart, and a note; None for others."""
         if unit not in GPS or not _EPOCH_S[0] <= COUNTS[unit].seconds(first):
             return None
         is_gps = "gps" in name.casefold() and "utc" not in name.casefold()
@@ -429,9 +427,6 @@ class _ClockSearch:
         names = {"taken": titles[is_gps], "other": titles[not is_gps]}
         names["option"] = toml.option(f"channels.time.unit = {toml.quoted(other_unit)}")
         return taken, Finding("time-gps", "info", name, names=names)
-
-    def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
-        return UserError(f"{self.path}: {text}", self.proposal(i, values))
 
     def proposal(
         self, i: int | None = None, values: Sequence[float] = (), without: Sequence[int] = ()
@@ -474,7 +469,7 @@ class _ClockSearch:
         if len(sources) > 1:
             text = " and ".join(f"{unit!r} ({source})" for unit, source in sources.items())
             text = f"the unit of time column {name!r} is stated twice: {text}"
-            raise self._refusal(i, text, self.dialect.numbers(i))
+            raise UserError(f"{self.path}: {text}", self.proposal(i, self.dialect.numbers(i)))
         return next(iter(sources.items()), None)
 
     def _shown_unit(
@@ -511,7 +506,7 @@ class _ClockSearch:
             cells = self.dialect.column(i)
             text = f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
             text += f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})"
-            raise self._refusal(i, text, values)
+            raise UserError(f"{self.path}: {text}", self.proposal(i, values))
         return possible[0], f"step {step:g}, about {self._length(values):g} long"
 
     def _length(self, values: Sequence[float]) -> float:
@@ -602,10 +597,7 @@ class _ClockSearch:
         return (Finding("date-order-guessed", "info", self.dialect.names[i], names=names),)
 
     def _with_fraction(self, columns: tuple[int, ...], pattern: str) -> tuple[tuple[int, ...], str]:
-        """The columns and pattern of stamps; with a column of their milliseconds, if there is one.
-
-        It is one where the stamps have no fraction.
-        """
+        """Columns and pattern of stamps without a fraction, with a column of it if there is one."""
         fields = {header_words.time_part(name): i for i, name in enumerate(self.dialect.names)}
         field = next((p for p in "lNu" if p in fields and fields[p] not in columns), None)
         has_fraction = re.compile(r"[0-9][.,]0*[1-9][0-9]*\D*$").search
@@ -661,11 +653,8 @@ class _ClockSearch:
 
 
 def _begin(clock: Clock, first_time: int, start: int, is_zoned: bool) -> int | None:
-    """What dates the times of a clock by their start, None where the first row contradicts it.
-
-    Times [ns]; those of two zones differ by quarters of an hour.
-    """
-    period = _ZONE_STEP if is_zoned or clock.absolute else _DAY
+    """What dates times [ns] of a clock by their start; None where the first row contradicts it."""
+    period = _ZONE_STEP if is_zoned or clock.absolute else _DAY  # zones differ by quarters
     lag = (first_time - start + period // 2) % period - period // 2
     if clock.absolute:
         return 0 if abs(lag) <= _MINUTE and abs(first_time - start) < _DAY else None

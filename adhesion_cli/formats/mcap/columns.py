@@ -69,10 +69,7 @@ class Decoder(ABC):
             return [_or_none(child, node) for node in nodes]
 
     def faults(self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Places) -> Faults:
-        """What differs in messages or arrays at a place, and in which.
-
-        What is of another kind than `shape` becomes None in `nodes`.
-        """
+        """What differs at a place, and in which messages; of another kind it becomes None."""
         return iter(())
 
 

@@ -140,11 +140,7 @@ class LeafSearch:
         self._walk(tree, (), label_at, ())
 
     def _walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
-        """Takes up the numbers at a place.
-
-        `label_at` is the text that names it, `names_at` the array of texts that name its elements;
-        () for none.
-        """
+        """Takes up the numbers at a place; texts may name it, and at `names_at` its elements."""
         if is_number(node):
             self._number(steps, label_at)
         elif isinstance(node, str):
@@ -289,10 +285,7 @@ class Stamp:
     text: bool = False  # ISO 8601, which decoders give as microseconds since 1970
 
     def times(self, values: Floats) -> tuple[Times, Bools]:
-        """Stamps [ns] from values of shape (len(places), n), and which of them are stamps.
-
-        One number is taken to the microsecond, which is what a double carries.
-        """
+        """Stamps [ns] of values (len(places), n), one number to the microsecond; which hold."""
         if len(self.places) == 2:
             seconds, nanos = values
             has_stamp = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
@@ -313,10 +306,7 @@ class Stamp:
 
 
 def microseconds(text: Tree) -> float:
-    """Microseconds since 1970 of an ISO 8601 time with a date, UTC unless it states a zone.
-
-    NaN for everything else.
-    """
+    """Microseconds since 1970 of an ISO 8601 date and time, UTC if it has no zone; else NaN."""
     if not isinstance(text, str) or text[10:11] not in ("T", " "):
         return float("nan")
     try:

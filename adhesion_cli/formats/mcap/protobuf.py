@@ -115,10 +115,7 @@ def _pool(data: bytes) -> DescriptorPool:
 
 
 def _wire_fault(message: Any, numbers: Container[int]) -> str:
-    """Why a message does not hold these fields as its schema says, "" where it does or is None.
-
-    The messages in it are not looked at.
-    """
+    """Why a message, not one in it, breaks its schema in these fields; "" where it does not."""
     for unknown in UnknownFieldSet(message) if message is not None else ():
         if unknown.field_number in numbers:
             name = f"field {unknown.field_number} of {message.DESCRIPTOR.full_name}"

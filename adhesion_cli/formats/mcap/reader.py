@@ -35,10 +35,7 @@ _SEVERITY: dict[str, Severity] = {
 def deal(
     collectors: Sequence["Collector"], records: Records
 ) -> Iterator[tuple["Collector", Records]]:
-    """The messages of a topic for each of its collectors, by their owner.
-
-    Messages of owners that the first ones do not name go to the first owner, which reports them.
-    """
+    """The messages of a topic for each collector, by owner; the first gets those of others."""
     series = collectors[0].series
     if not series.owner_at:
         yield collectors[0], records

@@ -39,10 +39,7 @@ def written(*records: McapRecord) -> bytes:
 
 
 class DamageError(Exception):
-    """Bytes that contradict the specification or the file itself.
-
-    `offset` is that in the file; `hint` is a remedy other than recovering.
-    """
+    """Bytes from an offset on that contradict the specification or the file; `hint`: a remedy."""
 
     def __init__(self, offset: int, damage: str, hint: str = "") -> None:
         super().__init__(damage)
@@ -151,6 +148,7 @@ class LogFile:
 
 Offsets = NDArray[np.int64]
 
+_HEAD = struct.Struct("<H4xqq")  # of a Message record: channel, log time, publish time
 BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence, two times
 # Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
 # so many bytes, too: a few bytes can inflate to millions of records.
@@ -171,7 +169,7 @@ class Records(NamedTuple):
 
     data: bytes
     definitions: list[tuple[int, bytes]]  # kind and content of the Schema and Channel records
-    channel: NDArray[np.uint16]  # ids
+    channel: Offsets  # ids
     log_time: Times  # [ns]; beyond the year 2262 negative
     publish_time: Times
     start: Offsets  # of the messages themselves in the data
@@ -226,7 +224,7 @@ class BlockReader:
         """
         unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        places, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
+        heads, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
         p = 0
         for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
             if p > size - HEADER.size:
@@ -238,7 +236,7 @@ class BlockReader:
             if opcode == message:
                 if length < BEFORE_DATA:
                     break
-                places.append(p)
+                heads.extend((*_HEAD.unpack_from(data, p + 9), p + 9 + BEFORE_DATA, next_record))
             elif opcode in definition:
                 definitions.append((opcode, data[p + HEADER.size : next_record]))
             elif opcode <= Opcode.DATA_END:
@@ -248,15 +246,11 @@ class BlockReader:
             p = next_record
         if outside and not p:
             raise DamageError(offset, "no whole message, schema or channel")
-        count = len(places) + len(definitions) + unknown
+        columns = np.ascontiguousarray(np.frombuffer(heads, np.int64).reshape(-1, 5).T)
+        count = columns.shape[1] + len(definitions) + unknown
         damage, room = "more records than a file of this size holds", size // HEADER.size
         self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
-        begin = np.frombuffer(places, np.int64) + HEADER.size
-        channel = load(data, begin, "<u2")
-        log_time, publish_time = (load(data, begin + offset, "<i8") for offset in (6, 14))
-        stop = begin + load(data, begin - 8, "<i8")
-        start = begin + BEFORE_DATA
-        return Records(data, definitions, channel, log_time, publish_time, start, stop), p
+        return Records(data, definitions, *columns), p
 
     def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
         """Refuses a block that costs more than is left; `extra` is what may come besides."""
@@ -291,14 +285,6 @@ class BlockReader:
             raise DamageError(offset, "chunk has another CRC than it says")
         self.compressions.add(compression or "none")
         return data
-
-
-def load(data: bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
-    """Values of a numpy type at any offsets; shape (n,)."""
-    count = len(data) - np.dtype(kind).itemsize + 1
-    if not len(offsets):
-        return np.empty(0, kind)
-    return np.ndarray((count,), kind, data, 0, (1,))[offsets]
 
 
 def _inflate_zstd(packed: bytes, limit: int) -> bytes:

@@ -151,10 +151,7 @@ class Walk:
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
 
     def _walk(self) -> None:
-        """Walks the file up to its footer, or to a record without an end.
-
-        Damage of one whole record does not end the walk.
-        """
+        """Walks up to the footer or a record without an end, past a damaged whole one."""
         offset, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
             try:
