@@ -158,11 +158,9 @@ def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
 
 
 def state_fields(
-    named: Mapping[Any, NamedColumn],
-    words: Mapping[Any, Sequence[str]],
-    numbers: Mapping[Any, Field],
+    named: dict[Any, NamedColumn], words: dict[Any, tuple[str, ...]], numbers: dict[Any, Field]
 ) -> list[Field]:
     """A field for each channel of words, those of its head; words may stand for the `numbers`."""
     others = {place: x for place, x in named.items() if place not in numbers}
     by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
-    return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]
+    return [replace(by_place[place], words=x) for place, x in words.items()]

@@ -116,11 +116,7 @@ class _Sheet(NamedTuple):
 
 
 def write_text(
-    path: Path,
-    target: Path,
-    options: ReadOptions,
-    passed: Sequence[str] = (),
-    joins: bool = True,
+    path: Path, target: Path, options: ReadOptions, passed: Sequence[str] = (), joins: bool = True
 ) -> SheetText | None:
     """Writes the cells of a sheet as lines, tabs between them; row N of the sheet is line N.
 

@@ -172,11 +172,7 @@ class McapSource(Source):
     remedy = "read without --strict to leave these messages out"
 
     def __init__(
-        self,
-        path: Path,
-        options: ReadOptions,
-        content: bytes | None = None,
-        owners: Owners | None = None,
+        self, path: Path, options: ReadOptions, content: bytes = b"", owners: Owners | None = None
     ) -> None:
         super().__init__(path, options)
         self.owners = owners or {}

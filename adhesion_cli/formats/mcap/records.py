@@ -79,10 +79,10 @@ class LogFile:
         UserError: where it cannot be opened.
     """
 
-    def __init__(self, path: Path, max_record: int, content: bytes | None = None) -> None:
+    def __init__(self, path: Path, max_record: int, content: bytes = b"") -> None:
         self._file: BinaryIO
         try:
-            self._file = path.open("rb", buffering=PIECE) if content is None else BytesIO(content)
+            self._file = BytesIO(content) if content else path.open("rb", buffering=PIECE)
         except OSError as e:
             raise UserError(f"{path}: {e.strerror}", "give the path of a log") from None
         self._max_record = max_record

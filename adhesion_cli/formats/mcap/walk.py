@@ -62,7 +62,7 @@ class Walk:
             and options.strict is set: "FILE: byte N: what".
     """
 
-    def __init__(self, path: Path, options: ReadOptions, content: bytes | None = None) -> None:
+    def __init__(self, path: Path, options: ReadOptions, content: bytes = b"") -> None:
         self.path, self._options, self._content = path, options, content
         self.counts: Counter[int] = Counter()  # messages by channel
         self.blocks: list[RecordBlock] = []
