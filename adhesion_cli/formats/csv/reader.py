@@ -205,7 +205,7 @@ class CsvSource(Source):
         if read.lines.damage:
             spans, names = (((int(t[-1]) - earliest(t)) / 1e9,) * 2,), {"damage": read.lines.damage}
             values = {"line": sum(self.lines.values())}
-            self.report(Finding("csv-gzip-damaged", "error", "", 0, spans, values, names))
+            self.report(Finding("csv-gzip-damaged", "error", "", 1, spans, values, names))
         if read.lines.is_unfinished:
             self.report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells} | set(read.losses.unread)
