@@ -253,7 +253,8 @@ def test_a_last_line_that_is_cut_off_in_a_trc_log_is_skipped(tmp_path: Path) -> 
     raw, dbc = path.read_bytes(), stated(tmp_path)
     body = raw.rstrip(b"\r\n")
     assert raw[len(body) :] == b"\r\n"
-    for end in range(body.rfind(b"\n") + 1, len(raw) + 1):
+    begin, end_of_body = body.rfind(b"\n") + 1, len(body)
+    for end in [*range(begin, end_of_body, 7), *range(end_of_body - 2, len(raw) + 1)]:
         path.write_bytes(raw[:end])
         found, findings, _ = columns(path, dbc)
         assert len(found["speed"].t) == (20 if end > len(body) else 19)

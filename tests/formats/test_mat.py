@@ -42,11 +42,10 @@ def columns(path: Path, variables: dict[str, Any], **options: Any) -> dict[str, 
         ),
     ],
 )
-@pytest.mark.parametrize("is_packed", [False, True])
 def test_variables_of_one_length(
-    tmp_path: Path, variables: dict[str, Any], names: list[str], is_packed: bool
+    tmp_path: Path, variables: dict[str, Any], names: list[str]
 ) -> None:
-    found = columns(tmp_path / "a.mat", variables, do_compression=is_packed)
+    found = columns(tmp_path / "a.mat", variables, do_compression="gain" in variables)
     assert list(found) == names
     assert all(np.allclose(c.t, T * 1e9) for c in found.values())
     assert np.allclose(found[names[0]].value, P, atol=1e-6)

@@ -156,7 +156,10 @@ class Parser:
         text, line_ends = np.frombuffer(data, np.uint8), block.ends
         starts = np.append(0, line_ends[:-1] + 1)
         lines = data.decode("utf-8", "replace").split("\n")[:-1]
-        cells = np.array([_closed_cells(line, delimiter) for line in lines])
+        if b'"' in data:
+            cells = np.array([_closed_cells(line, delimiter) for line in lines])
+        else:
+            cells = np.array([line.count(delimiter) + bool(line) for line in lines])
         remaining = np.ones(len(text), bool)
         if self.table.dialect.has_remarks:
             for k in np.flatnonzero(cells == width + 1).tolist():
