@@ -177,7 +177,6 @@ _VALVES = {"valve", "vent valve", "hold valve"}
 _OF_AXLE = {"wheel"} | _VALVES
 _NUMBERED = {"wheel", "cylinder"} | _VALVES  # kinds of words before an axle's number
 
-
 VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
 _STEMS: list[str] = VOCABULARY["stems"].split()
 GENERIC: list[str] = VOCABULARY["generic"].split()

@@ -75,7 +75,6 @@ class Library:
 _children: dict[str, Child] = {}
 _starting = threading.Lock()
 
-
 # ---------------------------------------------------------------------------- the other process
 
 _opened: dict[Any, Reader] = {}  # the log that was read last, by what it was opened with

@@ -24,7 +24,6 @@ _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
 _UNIT_KEY = re.compile(rb"(?i)(.*_)?(unit|units|unit_string|uom)")  # of a field's metadata
 _MOST_ELEMENTS = 64  # of a list, of which each is a channel
 
-
 _TEXTS = pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view
 _LISTS = pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list
 _NUMBERS = pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean

@@ -26,7 +26,6 @@ from .tables import Contents, NamedColumn, TableSamples, fields, nanoseconds, st
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
 
-
 # Properties that say what the samples are, and when: of a channel, its group or the file. The
 # others are for people; wf_samples counts the samples of one writing.
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")

@@ -183,7 +183,6 @@ _UNPACKERS: dict[bytes, Any] = {b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=
 _UNPACKERS |= {b"\xfd7zXZ\0": lzma.LZMAFile, b"BZh": bz2.BZ2File}
 _TAIL = 1 << 14  # bytes that hold the last rows
 
-
 Rows = NDArray[np.int64]
 
 
@@ -291,8 +290,7 @@ class Lines:
             if file.is_packed and total > self.max_inflated:
                 limit = self.max_inflated
                 limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
-                hint = "if the log is trusted, raise the limit: "
-                hint += f"--set csv.max_unpacked={8 * limit}"
+                hint = f"if the log is trusted, raise the limit: --set csv.max_unpacked={8 * limit}"
                 raise UserError(f"{self.path}: inflates to more than {limit_text}", hint)
         self.damage = file.damage
 
@@ -342,7 +340,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
     """First bytes of the (decompressed) file, whether that is all, and an estimate of its size.
 
     Raises:
-        UserError: where there is no such file, nothing in it, or it cannot be read.
+        UserError: where it cannot be read, or its packed data are damaged.
     """
     file, head = PackedFile(path), b""
     for block in file.blocks():
@@ -351,8 +349,6 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
             break
     if file.damage and not head.strip():
         raise UserError(f"{path}: packed data are damaged: {file.damage}", "fetch the file again")
-    if not head.strip():
-        raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     complete = len(head) <= HEAD_BYTES
     size = float(path.stat().st_size) * (4 if file.is_packed else 1)  # usual for numbers
     return head[:HEAD_BYTES], complete, len(head) if complete else size

@@ -28,10 +28,8 @@ _FRACTION = "(?P<f>[0-9]+)"
 _COUNTS = ("(?P<l>[0-9]{1,3})", "(?P<u>[0-9]{1,6})")  # of it: milliseconds, microseconds
 _FORMS = tomllib.loads(Path(__file__).with_name("stamps.toml").read_text("utf-8"))
 
-
 _ZONES = {x: int(k) * 3600 for k, names in _FORMS["zones"].items() for x in names.split()}
 _ZONE = _FORMS["zone"].replace("ZONES", "|".join(_ZONES))
-
 
 _CLOCKS, _AFTER_DATE = (
     {name: pattern + _ZONE for name, pattern in _FORMS[kind].items()}
@@ -52,7 +50,6 @@ STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
 )
 _ISO = STAMPS["colons ymd"], STAMPS["colons ymd"].replace("(?P<l>[0-9]{3})", _COUNTS[0])
 _MONTHS = {name: int(k) for k, names in _FORMS["months"].items() for name in names.split()}
-
 
 _ANY = [
     re.compile(re.sub(r"\?P<\w>", "?:", "|".join(forms.values())))

@@ -150,6 +150,7 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
         value = getattr(message, f.name)
+        is_shown = f.message_type not in ancestors and len(ancestors) < DEEPEST
         if _is_map(f):
             tree[f.name] = Opaque("a map")
         elif f.type == F.TYPE_BYTES:
@@ -162,9 +163,7 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
                 tree[f.name] = list(elements)
         elif f.type not in _MESSAGES:
             tree[f.name] = value
-        elif message.HasField(f.name) or (
-            f.message_type not in ancestors and len(ancestors) < DEEPEST
-        ):
+        elif message.HasField(f.name) or is_shown:
             tree[f.name] = _tree(value, (*ancestors, f.message_type), budget)
         else:
             reason = "holds itself" if f.message_type in ancestors else "too deep"

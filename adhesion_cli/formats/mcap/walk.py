@@ -35,9 +35,8 @@ class FirstMessages:
     def add(self, records: Records) -> None:
         """Keeps messages of a block, of channels that are not full."""
         new = records.select(np.flatnonzero(~np.isin(records.channel, list(self.full))))
-        for channel, time, start, stop in zip(
-            *(x.tolist() for x in (new.channel, new.log_time, new.start, new.stop)), strict=True
-        ):
+        columns = (new.channel, new.log_time, new.start, new.stop)
+        for channel, time, start, stop in zip(*(x.tolist() for x in columns), strict=True):
             if channel in self.full:
                 continue
             heads = self.of.setdefault(channel, (time, []))[1]
