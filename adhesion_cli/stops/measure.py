@@ -80,9 +80,6 @@ def measure_stop(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
     )
     equivalent = math.nan if hidden else response.equivalent.value
-    build_up = Parameter(
-        2.0 * (equivalent - response.delay.value), 2.0 * response.equivalent.tolerance
-    )
     duration = braking.stop + locked.value - command
     response_times = response.delay.value, equivalent
     values = _Values(v0, distance, duration, *response_times, to_level.gradient.value)
@@ -116,7 +113,7 @@ def measure_stop(
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
         dead_time_s=_measured(find_dead_time(signals, braking)),
-        build_up_s=None if math.isnan(equivalent) else _measured(build_up),
+        build_up_s=None if math.isnan(equivalent) else _measured(_build_up(response)),
         jerk=_measured(jerk),
         axles=axles,
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
@@ -125,6 +122,12 @@ def measure_stop(
         speed=(t[is_braking] - command, np.where(smooth.is_read, v, np.nan)[is_braking]),
         **quantities,
     )
+
+
+def _build_up(response: BrakeResponse) -> Parameter:
+    """Twice from the delay to the equivalent step [s]: the whole build-up of a straight one."""
+    equivalent = response.equivalent
+    return Parameter(2.0 * (equivalent.value - response.delay.value), 2.0 * equivalent.tolerance)
 
 
 def _reading_interval(signals: StopSignals) -> float:
