@@ -144,7 +144,7 @@ def sheets(draw: st.DrawFn) -> tuple[Rows, str]:
     return [*preamble, *rows, *cells], mark
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(sheets())
 def test_the_same_cells_give_the_same_log_as_their_csv(
     tmp_path_factory: pytest.TempPathFactory, drawn: tuple[Rows, str]

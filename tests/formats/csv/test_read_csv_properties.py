@@ -60,7 +60,7 @@ def tables(draw):
     return np.cumsum(steps), p, draw(st.lists(value, min_size=n, max_size=n))
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     table=tables(),
     delimiter=DELIMITERS,
@@ -121,7 +121,7 @@ ODD_LINES = st.sampled_from(
 )  # fmt: skip
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     body=st.lists(
         st.one_of(st.integers(0, 99).map(lambda k: f"{k},1.5,2"), ODD_LINES), max_size=40

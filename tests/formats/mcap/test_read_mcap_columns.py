@@ -28,7 +28,7 @@ from adhesion_cli.formats.source import ReadOptions
 
 F = FieldDescriptorProto
 SOME = settings(
-    max_examples=35, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )  # fmt: skip
 containers = st.fixed_dictionaries(
     {
