@@ -14,6 +14,7 @@ from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
 _Time = TypeVar("_Time", np.int64, np.float64)
 _RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
+_BRAKED_CRAWL, _LONGEST_CRAWL = 0.7, 3.0  # [rad/s] and [s]: a brake stops a wheel sooner
 _HIGHEST = 2.5  # no sensor reads zero above it: 4 km/h [rad/s]
 _CUT_OFF_FACTOR = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
 _STOP = 0.3  # and does, if it stays so for this long [s]
@@ -80,11 +81,13 @@ def standing(record: AxleRecord) -> Bools:
 
     (1) does not hold there: the brake's friction is unknown, from 0 to φK. A single reading between
     two stands is the last tooth of a pole wheel that comes to rest, and so is the last reading of a
-    slow wheel that is kept for longer than the next tooth would take.
+    slow wheel that is kept for longer than the next tooth would take. A sensor may show up to
+    1 km/h where its wheel stands: a wheel so slow stands where a brake has been on for 3 s.
     """
     is_slow = np.abs(record.wheel_speed) <= max(
         _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF_FACTOR * _lowest(record)
     )
+    is_slow |= _crawls_braked(record)
     stands = np.zeros(len(record), dtype=bool)
     for s in record.segments:
         for start, stop in true_runs(is_slow[s]):
@@ -95,6 +98,22 @@ def standing(record: AxleRecord) -> Bools:
             run = slice(s.start + start, s.start + stop)
             stands[run] |= run.stop < s.stop and not np.ptp(record.wheel_speed[run])
         stands[_kept_to_the_end(record, s)] = True
+    return stands
+
+
+def _crawls_braked(record: AxleRecord) -> Bools:
+    """Where a wheel shows a walking speed for longer than a brake lets it turn, (n,).
+
+    It stands from where it is first as slow as its sensor shows it from a second later on.
+    """
+    K, speed, t = record.clamping_force, np.abs(record.wheel_speed), record.t * 1e-9
+    is_braked = np.nan_to_num(K) > 0.5 * float(np.nanmax(K, initial=0.0))
+    stands = np.zeros(len(record), dtype=bool)
+    for start, stop in true_runs(is_braked & (speed < _BRAKED_CRAWL)):
+        if t[stop - 1] - t[start] > _LONGEST_CRAWL:
+            later = start + int(np.searchsorted(t[start:stop], t[start] + 1.0))
+            resting = speed[start:stop] <= speed[later:stop].max()
+            stands[start + int(np.argmax(resting)) : stop] = True
     return stands
 
 

@@ -70,7 +70,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             reason = "the train rolled on after the release of the brake"
         else:
             reading = signals.interval if signals.is_coarse is None else 0.0
-            standstill = _standstill(speed, float(t[stop_index]), reading)
+            slow = float(t[stop_index])
+            standstill = _standstill(speed, slow, reading, _wheel_step(signals, slow))
             # between two readings of a slow speed the train stops anywhere
             sigma = math.hypot(
                 standstill.tolerance, signals.coarse_interval(standstill.value) / math.sqrt(12.0)
@@ -149,12 +150,20 @@ def _bend(t: Floats, v: Floats, later: Bools) -> tuple[float, float] | None:
     return (float(lines[1][0]), float(lines[1][1])) if is_sure else None
 
 
-def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
+def _wheel_step(signals: StopSignals, slow: float) -> float:
+    """Quantisation step of the wheels before standstill, where they show the speed [m/s]."""
+    if signals.speed_from == "train" and signals.is_coarse is None:
+        return 0.0
+    endings = (rim.cut(slow - _STOPPING_TIME, slow + 1.0) for rim in signals.rims.values())
+    return max((quantisation_step(x.value) for x in endings), default=0.0)
+
+
+def _standstill(speed: TimeSeries, slow: float, reading: float, wheel_step: float) -> Parameter:
     """When the train stands, and 1 sigma [s].
 
     The line through the last speeds crosses zero there: sensors read zero too early, and noise
     crosses any threshold too early. It is `slow` when slower than `STANDING`. From the last reading
-    to zero, `reading` seconds, a line is no speed.
+    to zero, `reading` seconds, a line is no speed. `wheel_step` is a step of the wheels [m/s].
     """
     ending = speed.cut(slow - _STOPPING_TIME, slow + 1.0)
     zero = ending.t[ending.value <= 0.0]
@@ -180,6 +189,7 @@ def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     by_line = min(float(slow - level / slope), latest)
     stop = min(max(by_line, slow - STEP), slow + 1.0)
     excess = max(by_line - stop, 0.0)  # the wheels read zero long before
-    step = quantisation_step(v) / -slope / math.sqrt(3.0)  # the last reading is within one
+    # the last reading is within one step, and the fastest of several wheels is rounded up
+    step = max(quantisation_step(v), wheel_step) / -slope / math.sqrt(3.0)
     noise = 2.0 * sigma / math.sqrt(len(t))
     return Parameter(stop, math.hypot(noise, interval / math.sqrt(12.0), excess, _BENT, step))

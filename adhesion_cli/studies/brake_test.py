@@ -19,7 +19,13 @@ from ..core.document import tagged
 from ..core.errors import UserError
 from ..core.finding import Finding, is_doubt
 from ..core.model import Z95, IdentifiedVehicle, LogBrake, Parameter
-from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
+from ..core.summary import (
+    AxleSummary,
+    FailedLog,
+    StopSummary,
+    VehicleSummary,
+    summarise_finding,
+)
 from ..core.text import enumerated
 from ..results.friction_groups import (
     find_friction_differs,
@@ -49,6 +55,7 @@ from .plan import Plan, PlannedGroup
 
 _ALGO = "td"  # the quickest estimator: stops need the reference only
 _DELAY_UNKNOWN = "train-speed-delay-unknown", "train-speed-slow", "train-speed-delay-or-offset"
+_LIKE_BUILD_UP = 1.5  # build-ups of one brake position differ by a smaller factor
 _DELAY_SPREAD = 0.05  # by which delays of one receiver may differ besides their errors [s]
 
 
@@ -225,7 +232,9 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     settings, texts = log.request.settings, list[str]()
     sister_logs = [x for x in logs if x.brake_mode == log.brake_mode]
     if any(s.command_from == "pressure" for s in log.map.stops) and not settings.stops.dead_time:
-        times = [s.dead_time_s.value for x in sister_logs for s in x.map.stops if s.dead_time_s]
+        own = [s.build_up_s.value for s in log.map.stops if s.build_up_s]
+        stops_of_others = (s for x in sister_logs for s in x.map.stops if _fills_alike(s, own))
+        times = [s.dead_time_s.value for s in stops_of_others if s.dead_time_s]
         if times and np.ptp(times) < 4.0 * DEAD_TIME_ERROR * np.mean(times):
             stops = settings.stops._replace(dead_time=float(np.mean(times)))
             settings = replace(settings, stops=stops)
@@ -248,6 +257,14 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     finding = Finding("times-of-other-logs", "info", names={"times": " and ".join(texts)})
     again = _test_log(log.request._replace(settings=settings))
     return again._replace(findings=(*again.findings, finding))
+
+
+def _fills_alike(stop: StopSummary, build_ups: Sequence[float]) -> bool:
+    """Whether a brake fills about as fast, as far as it is known: P and G are other brakes."""
+    if not build_ups or stop.build_up_s is None:
+        return True
+    ratio = stop.build_up_s.value / float(np.median(build_ups))
+    return 1.0 / _LIKE_BUILD_UP < ratio < _LIKE_BUILD_UP
 
 
 def _test_log(request: _Request) -> TestedLog:

@@ -170,29 +170,30 @@ def test_analyze_has_the_same_stops(run: Run, plan: Path) -> None:
     assert stop["group"] == f"{own['nominal_speed_kmh']:g} km/h"
 
 
+@pytest.mark.parametrize(
+    ("mode", "filling", "takes"), [("", 2.0, True), ("G", 2.0, False), ("", 6.0, False)]
+)
 def test_a_log_without_a_command_has_the_dead_time_of_the_other_logs(
-    run: Run, tmp_path: Path
+    run: Run, tmp_path: Path, mode: str, filling: float, takes: bool
 ) -> None:
-    """It is in the plan's group of another brake mode, or of the same one."""
-    for name, head in (("a", ",brake command [0/1]"), ("b", "")):
+    """If its brake is in the same mode, and fills as fast."""
+    for name, head, rise in (("a", ",brake command [0/1]", 2.0), ("b", "", filling)):
         lines = [f"time [s],train speed [km/h],bc pressure axle 1 [bar]{head}"]
         for k in range(900):
             t = k / 20.0
-            v, p = (min(max(x, 0.0), 1.0) for x in (1.0 - (t - 11.5) / 22.0, (t - 10.6) / 2.0))
+            v, p = (min(max(x, 0.0), 1.0) for x in (1.0 - (t - 11.5) / 22.0, (t - 10.6) / rise))
             lines.append(f"{t},{80.0 * v:.2f},{3.0 * p:.2f}" + f",{int(t >= 10.0)}" * bool(head))
         (tmp_path / f"{name}.csv").write_text("\n".join([*lines, ""]))
     _, (alone,) = (
         json.loads(run("stops", x, "--json").stdout)["stops"] for x in ("a.csv", "b.csv")
     )
-    plan = "[group.a]\nlogs = ['a.csv']\n[group.b]\nlogs = ['b.csv']\nmode = '{mode}'\n"
-    for mode, begin in (("", 10.0), ("G", alone["start_s"])):
-        (tmp_path / "plan.toml").write_text(plan.format(mode=mode))
-        document = json.loads(run("stops", "--plan", "plan.toml", "--json").stdout)
-        _, stop = document["stops"]
-        codes = [f["code"] for f in document["findings"]]
-        assert stop["start_s"] == pytest.approx(begin, abs=0.05)
-        assert ("times-of-other-logs" in codes) == (begin == 10.0)
-        assert (stop["distance_m"]["u95"] < 0.6 * alone["distance_m"]["u95"]) == (begin == 10.0)
+    plan = f"[group.a]\nlogs = ['a.csv']\n[group.b]\nlogs = ['b.csv']\nmode = '{mode}'\n"
+    (tmp_path / "plan.toml").write_text(plan)
+    document = json.loads(run("stops", "--plan", "plan.toml", "--json").stdout)
+    _, stop = document["stops"]
+    assert ("times-of-other-logs" in {f["code"] for f in document["findings"]}) == takes
+    assert stop["start_s"] == pytest.approx(10.0 if takes else alone["start_s"], abs=0.05)
+    assert (stop["distance_m"]["u95"] < 0.6 * alone["distance_m"]["u95"]) == takes
 
 
 def test_a_workbook_has_a_sheet_for_each_table_of_the_series(run: Run, plan: Path) -> None:

@@ -287,6 +287,16 @@ def test_applications_stay_within_segments_and_out_of_standstill() -> None:
     assert second[1] == pytest.approx(25.0, abs=0.1)
 
 
+@pytest.mark.parametrize("rest", [0.3, 0.5])
+def test_a_sensor_that_shows_no_zero_ends_the_application_at_standstill(rest: float) -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    K = np.interp(t, [5, 7], [0, 20000])
+    noise = np.random.default_rng(1).uniform(-rest, 0.1, len(t))
+    speed = 60.0 - 3.0 * np.maximum(t - 5.0, 0.0)  # stands from 25 s
+    (span,) = spans(record(t, K, np.maximum(speed, np.maximum(rest + noise, 0.0))))
+    assert span == pytest.approx((5.0, 25.0), abs=0.4)
+
+
 def test_coasting_has_no_application() -> None:
     t = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(7).normal(0.0, 30.0, len(t))

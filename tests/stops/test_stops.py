@@ -102,6 +102,20 @@ def test_a_brake_that_is_released_in_the_last_metre_stops_the_train_later(soft: 
     assert abs(stop.duration_s.value - stands) < min(stop.duration_s.u95, 0.15)
 
 
+def test_standstill_is_as_uncertain_as_wheels_that_count_pulses() -> None:
+    """The fastest of the wheels is rounded up, and follows a slow train speed."""
+    x, _ = signals(20.0, 0.9, 20.0)
+    t, v = x.speed
+    stands = float(t[np.argmax(v <= 0.0)]) - ON
+    counted = (np.floor(np.append(v[:2], v[:-2]) / 0.28 + phase) * 0.28 for phase in (0.2, 0.9))
+    rims = {axle: TimeSeries(t, np.where(v > 0.0, y, 0.0)) for axle, y in enumerate(counted, 1)}
+    shaped = np.maximum(rims[1].value, rims[2].value) + 0.004 * np.sin(3.0 * t)
+    is_coarse = np.zeros(len(t), dtype=np.bool_)
+    (stop,) = measured(x._replace(speed=TimeSeries(t, shaped), rims=rims, is_coarse=is_coarse))
+    assert stop.duration_s is not None
+    assert abs(stop.duration_s.value - stands) < stop.duration_s.u95
+
+
 @pytest.mark.parametrize("grip", [1.3, 1.6])
 def test_standstill_is_as_uncertain_as_a_friction_that_rises_makes_it(grip: float) -> None:
     x, _ = signals(20.0, 1.0, 100.0)
