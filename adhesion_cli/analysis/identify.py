@@ -320,22 +320,27 @@ def deceleration_per_bar(vehicle: Vehicle) -> Parameter:
 def car_brakes(vehicle: Vehicle) -> tuple[CarBrake, ...]:
     """The brake of each car; of several where the axles of a car differ by more than a percent."""
     if not vehicle.axles:
-        return (CarBrake("", (), force_per_bar(vehicle), deceleration_per_bar(vehicle)),)
+        return (_car_brake("", (), vehicle),)
     cars: list[CarBrake] = []
     for car_axle in vehicle.axles:
-        figures = force_per_bar(car_axle.vehicle), deceleration_per_bar(car_axle.vehicle)
+        brake = _car_brake(car_axle.car, (car_axle.number,), car_axle.vehicle)
         for i, car in enumerate(cars):
-            pairs = zip(car[2:], figures, strict=True)
+            pairs = (car.force, brake.force), (car.deceleration, brake.deceleration)
             if car.name == car_axle.car and all(
                 abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs
             ):
                 cars[i] = car._replace(axles=(*car.axles, car_axle.number))
                 break
         else:
-            cars.append(CarBrake(car_axle.car, (car_axle.number,), *figures))
+            cars.append(brake)
     if len(cars) == 1 and not cars[0].name:
         cars[0] = cars[0]._replace(axles=())
     return tuple(cars)
+
+
+def _car_brake(name: str, axles: tuple[int, ...], vehicle: Vehicle) -> CarBrake:
+    state = vehicle.friction_table.middle if vehicle.friction_table else None
+    return CarBrake(name, axles, force_per_bar(vehicle), deceleration_per_bar(vehicle), state)
 
 
 def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:

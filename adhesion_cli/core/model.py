@@ -563,6 +563,8 @@ class CarBrake(NamedTuple):
     axles: tuple[int, ...]  # their numbers; empty where every axle is alike
     force: Parameter  # at the rim of an axle [N]
     deceleration: Parameter  # of the car, all of its axles braked and rolling [m/s²]
+    # Speed [m/s] and clamping force [N] that both are for, where friction is a table.
+    state: tuple[float, float] | None = None
 
 
 VehicleSource = Literal["stated", "default", "log"]

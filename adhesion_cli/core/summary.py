@@ -307,6 +307,12 @@ class CarSummary:
     deceleration_per_bar: Annotated[
         float, Quantity("m/s²", "deceleration of the car per bar, all of its axles braked")
     ]
+    speed_mps: Annotated[
+        Number, Quantity("m/s", "speed that both are for, where friction is a table")
+    ] = None
+    clamping_force_n: Annotated[
+        Number, Quantity("N", "clamping force of an axle that both are for, where friction has it")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -508,7 +514,10 @@ def summarise_vehicle(x: model.IdentifiedVehicle) -> VehicleSummary:
     """A vehicle with the force of its brake, at 95 %."""
     forces = *_expanded(x.force_per_bar), *_expanded(x.stated_force_per_bar)
     cars = tuple(
-        CarSummary(c.name, c.axles, *_expanded(c.force), c.deceleration.value) for c in x.cars
+        CarSummary(
+            c.name, c.axles, *_expanded(c.force), c.deceleration.value, *(c.state or (None, None))
+        )
+        for c in x.cars
     )
     evidence = x.stops, x.logs, x.factor, x.other_brake
     return VehicleSummary(x.source, x.known, *forces, *evidence, cars, x.unstated, x.carried)

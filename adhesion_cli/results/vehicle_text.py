@@ -146,7 +146,7 @@ def _brakes(cars: Sequence[CarSummary]) -> str:
         return "."
     texts = [
         f"{_force(car.force_per_bar_n, car.u95)} at the rail per bar and axle, "
-        f"{car.deceleration_per_bar:.3g} m/s² per bar."
+        f"{car.deceleration_per_bar:.3g} m/s² per bar{_friction_state(car)}."
         for car in cars
     ]
     if not cars[0].axles:
@@ -162,6 +162,17 @@ def _brakes(cars: Sequence[CarSummary]) -> str:
         for car in cars
     ]
     return " ".join([".", *(f"{head}: {text}" for head, text in zip(heads, texts, strict=True))])
+
+
+def _friction_state(car: CarSummary) -> str:
+    """Where its figures are, if its friction changes with speed, or with force as well."""
+    if car.speed_mps is None:
+        return ""
+    speed, force, cause = f"{3.6 * car.speed_mps:.0f} km/h", "", "speed"
+    if car.clamping_force_n:
+        force = f" and a clamping force of {car.clamping_force_n / 1e3:.0f} kN per axle"
+        cause = "speed and force"
+    return f" at {speed}{force} (friction changes with {cause})"
 
 
 def _force(force: float | None, u95: float | None) -> str:

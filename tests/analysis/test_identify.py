@@ -13,6 +13,7 @@ from helpers.vehicle_logs import STATED, WHOLE, blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.identify import car_brakes
 from adhesion_cli.analysis.stated_friction import friction_table
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.analysis.vehicle_findings import with_friction_findings, without_force_findings
@@ -442,6 +443,13 @@ def test_the_line_says_what_is_known(tmp_path: Path) -> None:
     stated = summarise(run(paths[0], {**WHOLE, "lever_ratio": 8.0, "axle_mass": 14e3}), {})
     kilonewtons = 0.3 * 1e5 * force_line(METRO).per_pascal / 1e3
     assert f"{kilonewtons:.3g} kN" in describe_vehicle(stated.vehicle, stated.axles)
+    friction, table = friction_table({**IRON, "tolerance": 0.05})
+    (brake,) = car_brakes(replace(METRO, friction=friction, friction_table=table))
+    assert brake.state == (10.0, 0.0)
+    (car,) = stated.vehicle.cars
+    for force, text in ((None, "36 km/h (friction changes with speed)."), (68e3, "68 kN per axle")):
+        iron = replace(car, speed_mps=10.0, clamping_force_n=force)
+        assert text in describe_vehicle(replace(stated.vehicle, cars=(iron,)))
 
 
 def test_the_vehicle_of_a_result_is_said_to_be_its(run_in: Run, tmp_path: Path) -> None:
