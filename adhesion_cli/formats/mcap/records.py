@@ -148,7 +148,7 @@ class LogFile:
 
 Offsets = NDArray[np.int64]
 
-_HEAD = struct.Struct("<H4xqq")  # of a Message record: channel, log time, publish time
+_HEAD = np.dtype("<i8, <u2, <u4, <i8, <i8")  # of a message: length, channel, sequence, two times
 BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence, two times
 # Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
 # so many bytes, too: a few bytes can inflate to millions of records.
@@ -169,7 +169,7 @@ class Records(NamedTuple):
 
     data: bytes
     definitions: list[tuple[int, bytes]]  # kind and content of the Schema and Channel records
-    channel: Offsets  # ids
+    channel: NDArray[np.uint16]  # ids
     log_time: Times  # [ns]; beyond the year 2262 negative
     publish_time: Times
     start: Offsets  # of the messages themselves in the data
@@ -224,7 +224,7 @@ class BlockReader:
         """
         unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        heads, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
+        places, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
         p = 0
         for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
             if p > size - HEADER.size:
@@ -236,7 +236,7 @@ class BlockReader:
             if opcode == message:
                 if length < BEFORE_DATA:
                     break
-                heads.extend((*_HEAD.unpack_from(data, p + 9), p + 9 + BEFORE_DATA, next_record))
+                places.append(p)
             elif opcode in definition:
                 definitions.append((opcode, data[p + HEADER.size : next_record]))
             elif opcode <= Opcode.DATA_END:
@@ -246,11 +246,15 @@ class BlockReader:
             p = next_record
         if outside and not p:
             raise DamageError(offset, "no whole message, schema or channel")
-        columns = np.ascontiguousarray(np.frombuffer(heads, np.int64).reshape(-1, 5).T)
-        count = columns.shape[1] + len(definitions) + unknown
+        count = len(places) + len(definitions) + unknown
         damage, room = "more records than a file of this size holds", size // HEADER.size
         self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
-        return Records(data, definitions, *columns), p
+        rows, heads = np.frombuffer(places, np.int64), np.empty(0, _HEAD)
+        if places:
+            heads = np.ndarray((size - _HEAD.itemsize,), _HEAD, data, 1, (1,))[rows]
+        length, channel, _, log_time, publish_time = (heads[name] for name in _HEAD.names or ())
+        start, stop = rows + HEADER.size + BEFORE_DATA, rows + HEADER.size + length
+        return Records(data, definitions, channel, log_time, publish_time, start, stop), p
 
     def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
         """Refuses a block that costs more than is left; `extra` is what may come besides."""
