@@ -92,11 +92,8 @@ class Reader:
         rows = sum(self._row_counts.values())
         reason = "time channel of each group, in the unit that it states"
         reason += f", after the start of the log ({zone})" if self._start else "; no start stated"
-        reasons = {
-            "version": self._mdf.version,
-            "groups": len(self._row_counts),
-            "not numeric": ", ".join(dict.fromkeys(self._texts)),
-        }
+        reasons = {"version": self._mdf.version, "groups": len(self._row_counts)}
+        reasons["not numeric"] = ", ".join(dict.fromkeys(self._texts))
         numbers = fields(list(map(self._named, self._places)), "channel's unit")
         named = {place: self._named(place) for place in self._words}
         texts = state_fields(named, self._words, dict(zip(self._places, numbers, strict=True)))

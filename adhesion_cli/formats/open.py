@@ -54,6 +54,8 @@ def _xlsx(path: Path, options: ReadOptions) -> Source:
 _TO_MCAP = "make it an MCAP: `pip install rosbags`, then "
 _TO_MCAP += "`rosbags-convert --src {} --dst FOLDER --dst-storage mcap`"
 _FROM_FOLDER = _TO_MCAP.format("FOLDER_OF_THE_BAG")
+_LINE_PROTOCOL = rb"[^\s,=]+(,[^\s,=]+=[^\s,=]+)* [^\s,=]+=[^\n]* \d{16,19}\n"
+_AS_PIVOT = "export it as CSV with a column for each field, as pivot() gives it"
 _MF4 = Library("mf4", "MDF", ("asammdf",), "mf4")
 _CAN = Library("can", "CAN", ("can", "cantools"), "can")
 
@@ -94,12 +96,7 @@ FORMATS = (
     _unread("zstd", rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with `unzstd`"),
     _unread("lfs", rb"version https://git-lfs", "a pointer of Git LFS", "run `git lfs pull`"),
     _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),
-    _unread(
-        "influx",
-        rb"[^\s,=]+(,[^\s,=]+=[^\s,=]+)* [^\s,=]+=[^\n]* \d{16,19}\n",
-        "a line protocol of InfluxDB",
-        "export it as CSV with a column for each field, as pivot() gives it",
-    ),
+    _unread("influx", _LINE_PROTOCOL, "a line protocol of InfluxDB", _AS_PIVOT),
 )
 
 

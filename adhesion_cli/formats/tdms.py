@@ -99,11 +99,8 @@ class Reader:
         if damage := self._damage():
             values = {"kept_rows": rows}
             findings.append(Finding("log-damaged", "error", "", 1, (), values, {"damage": damage}))
-        reasons = {
-            "version": self._file.tdms_version,
-            "groups": len(self._file.groups()),
-            "not numeric": ", ".join(dict.fromkeys(self._texts)),
-        }
+        reasons = {"version": self._file.tdms_version, "groups": len(self._file.groups())}
+        reasons["not numeric"] = ", ".join(dict.fromkeys(self._texts))
         numbers = fields(list(map(self._named, self._channels)), "channel's unit")
         texts = state_fields({x: self._named(x) for x in self._words}, self._words, {})
         reason = self._reason(start)
