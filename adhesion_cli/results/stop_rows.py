@@ -53,7 +53,7 @@ _OF_NO_VALUE = f"{_NO_VALUE}: no valid stop of the group has the quantity."
 _OF_LAMBDA = (
     "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
     "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
-    "140 km/h, not at 100 to 120 km/h."
+    "140 km/h, not at 100 to 120 km/h. -: no constants for that nominal speed."
 )
 _OF_BUDGET = (
     "Change of the distance by one standard uncertainty of each source. *: the same in every stop. "
