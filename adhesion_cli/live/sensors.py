@@ -16,8 +16,8 @@ import numpy as np
 from ..channels.to_si import quantum
 from ..core.model import Channel, Column, Floats, Meaning
 from ..records import outliers, stuck_pressure, stuck_speed
+from ..records.faults import runs
 from ..records.outliers import Limits
-from ..records.repeats import runs
 
 _WINDOW_SAMPLES = 4000  # samples of a window
 _NOISE = 200  # samples of one that shows the noise
@@ -211,6 +211,6 @@ class StuckPressure:
         if window.same >= self._next_length:
             self._next_length = _GROWTH * window.same
             channel = window.channel(gap)
-            stretches = stuck_pressure.standing(self._p, channel, runs(channel))
-            self.stuck |= bool(stretches.stuck[-1])
-            self.saturated = bool(stretches.saturated[-1]) and not self.stuck
+            stuck, saturated = stuck_pressure.standing(self._p, channel, runs(channel))
+            self.stuck |= bool(stuck[-1])
+            self.saturated = bool(saturated[-1]) and not self.stuck

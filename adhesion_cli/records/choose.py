@@ -79,11 +79,10 @@ def choose(log: Log, axles: Sequence[int], vehicle: Vehicle) -> Choice:
         if speed and brake:
             choices.append(AxleChoice(axle, speed, brake, vehicle.of_axle(axle)))
         elif axle in requested and (key := speed or brake):
-            others = [
-                c
-                for (meaning, a), c in channels.items()
-                if (meaning in BRAKES if speed else _is_alone(channels, meaning, a))
-            ]
+            brakes = [c for (meaning, _), c in channels.items() if meaning in BRAKES]
+            alone = [k for k in channels if k[0] == "wheel_speed" and k[1]]
+            speeds = [channels[k] for k in alone if not brake_of(channels, k[1] or 1)]
+            others = brakes if speed else speeds
             findings.append(incomplete(axle, channels[key].title, speed is not None, others))
     return Choice(channels, tuple(choices), requested, rates[0] if rates else None, findings)
 
@@ -121,11 +120,6 @@ def axle_numbers(
         available = f"the log has axles {', '.join(map(str, numbers))}"
         raise UserError(f"{path}: no axle {min(unknown)}", available, code=2)
     return numbers
-
-
-def _is_alone(keys: Collection[Key], meaning: Meaning, axle: int | None) -> bool:
-    """Whether this is a wheel speed of an axle without a brake: it may be that of another one."""
-    return meaning == "wheel_speed" and axle is not None and brake_of(keys, axle) is None
 
 
 def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel] = ()) -> Finding:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import MOTOR_FORCES, Channel, Floats, Vehicle
+from ..core.model import MOTOR_FORCES, Channel, Vehicle
+from ..core.signals import in_order
 from .choose import Channels
 
 _IDLE = 0.05  # deceleration of an axle by motors, in the mean of a second, of none [m/s²]
@@ -82,21 +83,13 @@ def _rates(
         speed = next(iter(speeds.values()), None)
     if speed is None or len(speed.data.t) < _FEWEST:
         return []
-    t = _even_times(force, speed)
-    rim = vehicle.radius(speed.axle or 1).value * _at(speed, t)
-    F, rate = _at(force, t)[1:-1], (rim[2:] - rim[:-2]) / (2.0 * _STEP)
+    columns = [in_order(c.data.t, c.data.value) for c in (speed, force)]
+    start, stop = max(t[0] for t, _ in columns), min(t[-1] for t, _ in columns)
+    t = np.arange(start, max(stop, start), int(_STEP * 1e9), dtype=np.float64)
+    y, F = (np.interp(t, *column) for column in columns)
+    rim, F = vehicle.radius(speed.axle or 1).value * y, F[1:-1]
     large = np.abs(F) > _LARGE_SHARE * float(np.max(np.abs(F), initial=0.0))
     moving = np.min([rim[2:], rim[:-2]], axis=0) > 1.0
-    selected: Floats = (np.sign(F) * rate)[large & moving]
-    return [float(x) for x in selected]
-
-
-def _even_times(force: Channel, speed: Channel) -> Floats:
-    start = max(int(force.data.t.min()), int(speed.data.t.min()))
-    stop = min(int(force.data.t.max()), int(speed.data.t.max()))
-    return np.arange(start, max(stop, start), int(_STEP * 1e9), dtype=np.float64)
-
-
-def _at(channel: Channel, t: Floats) -> Floats:
-    order = np.argsort(channel.data.t, kind="stable")
-    return np.interp(t, channel.data.t[order], channel.data.value[order])
+    rate = (rim[2:] - rim[:-2]) / (2.0 * _STEP)
+    rates: list[float] = (np.sign(F) * rate)[large & moving].tolist()
+    return rates

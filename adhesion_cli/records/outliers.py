@@ -144,20 +144,17 @@ def scale_of(brake: Channel) -> float:
     if brake.meaning == "pressure" and size.max(initial=0.0) <= HIGHEST:
         return 1.0
     high_value = float(np.quantile(size, 0.99))
-    return (
-        high_value / _FULL_PRESSURE if brake.meaning != "pressure" or high_value > HIGHEST else 1.0
-    )
+    is_plausible = brake.meaning == "pressure" and high_value <= HIGHEST
+    return 1.0 if is_plausible else high_value / _FULL_PRESSURE
 
 
 def _single_outliers(c: Channel, steep: float) -> Bools:
     """Samples that depart from both neighbours, which agree, and steeper [SI/s]; shape (n,)."""
     change, dt = np.diff(c.data.value), np.diff(c.data.t) / 1e9
-    if len(change) < 4:
-        return np.zeros(len(c.data.t), dtype=np.bool_)
     outliers = np.zeros(len(c.data.t), dtype=np.bool_)
     large = np.abs(change) > steep * dt
     peaks = np.flatnonzero(large[:-1] & large[1:])  # few: only there is more to look at
-    if not len(peaks):
+    if len(change) < 4 or not len(peaks):
         return outliers
     departure, return_change = change[peaks], -change[peaks + 1]
     longer_dt = np.maximum(dt[peaks], dt[peaks + 1])

@@ -5,7 +5,6 @@ what is only compared: train speed and truth.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,21 +25,13 @@ from ..core.model import (
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, clamping_force
 from ..core.sample_times import SampleTimes
 from .axle_channels import AxleChannels, MotorForce
-from .choose import SHORTEST, AxleChoice, Channels, Choice
+from .choose import SHORTEST, AxleChoice, Choice
 from .faults import Fault, View
 from .screen import Screened
 
 _COMPARED: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 _LEAST_USABLE = 0.5  # of the time of an axle's speed
 _EARLIER = 1_000_000_000  # a brake applied for so long without a wheel speed is lost [ns]
-
-
-class _Sampled(NamedTuple):
-    """The other channels at the wheel speed's times, shape (n,) each."""
-
-    last_value: Floats  # pressure or K, last value
-    smooth: Floats  # the same, interpolated
-    fresh: Bools  # whether the last value is recent enough
 
 
 def resample(
@@ -86,20 +77,20 @@ def _axle(
     chosen: AxleChoice, screened: Screened, view: View
 ) -> tuple[AxleChannels | None, list[tuple[Channel, Fault]]]:
     """One axle, None where too little is left; and the faults of its channels."""
-    channels = _by_meaning(screened.channels, chosen.axle)
+    shared = {k[0]: c for k, c in screened.channels.items() if k[1] is None}
+    channels = shared | {k[0]: c for k, c in screened.channels.items() if k[1] == chosen.axle}
     speed, brake = screened.channels[chosen.speed], screened.channels[chosen.brake]
     inside = view.contains(speed.data.t)
     times = SampleTimes(speed.data.t, speed.pieces)
-    sampled = _sampled(times, brake)
+    last_value, smooth, is_fresh = _sampled(times, brake)
     motors, motors_fresh = _motor_force(channels, times)
-    compared = {x: times.interpolate(channels[x]) for x in _COMPARED if x in channels}
-    fresh = sampled.fresh & motors_fresh
+    fresh = is_fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
     recorded = (times.t >= brake.data.t.min()) & (times.t <= brake.data.t.max())
     quantity, too_short = str(brake.meaning).replace("_", " "), inside & fresh & ~in_segment
-    without_motors = inside & sampled.fresh & ~motors_fresh
+    without_motors = inside & is_fresh & ~motors_fresh
     faults = [
-        _missing(speed, brake, inside & ~sampled.fresh, recorded, quantity),
+        _missing(speed, brake, inside & ~is_fresh, recorded, quantity),
         (speed, Fault("too-short", too_short, values={"needed": SHORTEST})),
         _missing(speed, brake, without_motors, motors_fresh, "ED force"),
         *_brake_without_speed(speed, brake, chosen.vehicle),
@@ -108,9 +99,9 @@ def _axle(
         return None, faults
     train = channels.get("train_speed")
     train_speed, truth, true_slip = (
-        compared[x][in_segment] if x in compared else None for x in _COMPARED
+        times.interpolate(channels[x])[in_segment] if x in channels else None for x in _COMPARED
     )
-    last_value, smooth = sampled.last_value[in_segment], sampled.smooth[in_segment]
+    last_value, smooth = last_value[in_segment], smooth[in_segment]
     is_pressure = brake.meaning == "pressure"
     limit, unit = screened.ranges.get(chosen.brake), units.unit(speed.measured_in)
     record = AxleRecord(
@@ -142,12 +133,6 @@ def _axle(
     return axle.clamped(), faults
 
 
-def _by_meaning(channels: Channels, axle: int) -> dict[Meaning, Channel]:
-    """The channels of an axle by their meaning: its own, else the one that belongs to no axle."""
-    shared: dict[Meaning, Channel] = {k[0]: c for k, c in channels.items() if k[1] is None}
-    return shared | {k[0]: c for k, c in channels.items() if k[1] == axle}
-
-
 def _motor_force(
     channels: Mapping[Meaning, Channel], times: SampleTimes
 ) -> tuple[MotorForce | None, Bools]:
@@ -158,11 +143,11 @@ def _motor_force(
     for sign, meaning in ((1.0, MOTOR_FORCES[0]), (-1.0, MOTOR_FORCES[1])):
         if meaning not in channels:
             continue
-        sampled = _sampled(times, channels[meaning])
-        last_value += sign * sampled.last_value
-        smooth += sign * sampled.smooth
-        variance += (channels[meaning].tolerance * sampled.smooth) ** 2
-        known &= sampled.fresh
+        by_force, by_force_smooth, is_fresh = _sampled(times, channels[meaning])
+        last_value += sign * by_force
+        smooth += sign * by_force_smooth
+        variance += (channels[meaning].tolerance * by_force_smooth) ** 2
+        known &= is_fresh
         meanings.add(meaning)
     if not meanings:
         return None, known
@@ -172,10 +157,10 @@ def _motor_force(
     return MotorForce(last_value, smooth, np.sqrt(variance), drives), known
 
 
-def _sampled(times: SampleTimes, brake: Channel) -> _Sampled:
-    """A brake, pressure or K, at the wheel speed's times."""
+def _sampled(times: SampleTimes, brake: Channel) -> tuple[Floats, Floats, Bools]:
+    """The last value of a brake, the same interpolated, and whether it is recent, (n,) each."""
     (last_value, fresh), smooth = times.last_value(brake), times.interpolate(brake)
-    return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
+    return last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh
 
 
 def _missing(

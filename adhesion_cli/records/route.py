@@ -4,7 +4,7 @@ The position is what a channel of it shows, else the distance since the start of
 length of the way between the coordinates.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -128,7 +128,7 @@ NOWHERE = Route()
 
 def find_route(log: Log) -> Route:
     """Where the train of a log was, by the channels' meanings."""
-    columns = _columns(log)
+    columns = {meaning: c.data for meaning, c in _channels(log).items()}
     route = make_route(columns, _speed(log, Vehicle())) if columns else NOWHERE
     return route._replace(has_calendar=log.absolute)
 
@@ -139,16 +139,17 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
     `columns` are positions and distances [m], latitudes and longitudes [°], by meaning. No place
     moves faster than `speed` [m/s].
     """
-    coordinates = _coordinates(columns, speed)
+    traces = _traces(columns, speed)
+    coordinates = traces.get("latitude")
     for source in _ALONG:
-        t, value = _usable_samples(columns.get(source))
-        if len(t) > 1:
-            value = value - value[0] if source == "distance" else value
-            return Route(_trace(t, value, speed), source, coordinates)
+        if trace := traces.get(source):
+            start = trace.value[0] if source == "distance" else 0.0
+            return Route(trace._replace(value=trace.value - start), source, coordinates)
     if coordinates is None:
         return NOWHERE
     thinned = coordinates.thinned(_WAY_INTERVAL)  # noise of every sample would add up
-    steps = np.where(thinned.jumps | ~_moves(thinned.t, speed), 0.0, thinned.distances())
+    stands = speed is not None and _larger_speeds(thinned.t, speed) <= _MOVING
+    steps = np.where(thinned.jumps | stands, 0.0, thinned.distances())
     distance = np.concatenate([[0.0], np.cumsum(steps)])
     return Route(thinned._replace(value=distance), "coordinates", coordinates)
 
@@ -158,41 +159,38 @@ def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
     speed = _speed(log, vehicle)
     has_train = any(c.meaning == "train_speed" and len(c.data.t) > 1 for c in log.channels)
     share = _CONTRADICTION if has_train else _CONTRADICTION_TO_WHEELS
-    columns, findings = _columns(log), list[Finding]()
+    channels, findings = _channels(log), list[Finding]()
+    columns = {meaning: c.data for meaning, c in channels.items()}
     route = make_route(columns, speed)
-    for meaning, trace in _logged(columns, speed):
-        title = _channels(log)[meaning].title
-        if meaning in (route.position_from, "latitude"):  # a counter beside it may begin anew
-            findings += _jumps(trace, title, log.start_ns())
+    for meaning, trace in _traces(columns, speed).items():
+        title = channels[meaning].title
+        # a counter beside it may begin anew
+        if meaning in (route.position_from, "latitude") and trace.jumps.any():
+            spans = spans_of(trace.t[:-1][trace.jumps], trace.t[1:][trace.jumps], log.start_ns())
+            values = {"largest_m": float(trace.distances()[trace.jumps].max())}
+            count = int(trace.jumps.sum())
+            findings.append(Finding("position-jumps", "warning", title, count, spans, values))
         if speed:
             findings += _contradiction(trace.thinned(_WAY_INTERVAL), title, speed, share)
     return findings
 
 
-def _logged(
-    columns: Mapping[Meaning, Column], speed: Column | None
-) -> Iterator[tuple[Meaning, Trace]]:
+def _traces(columns: Mapping[Meaning, Column], speed: Column | None) -> dict[Meaning, Trace]:
+    """The places by their meaning, those of the coordinates by `latitude`."""
+    traces: dict[Meaning, Trace] = {}
     for meaning in _ALONG:
         t, value = _usable_samples(columns.get(meaning))
         if len(t) > 1:
-            yield meaning, _trace(t, value, speed)
-    if coordinates := _coordinates(columns, speed):
-        yield "latitude", coordinates
-
-
-def _jumps(trace: Trace, title: str, start_ns: int) -> list[Finding]:
-    if not trace.jumps.any():
-        return []
-    spans = spans_of(trace.t[:-1][trace.jumps], trace.t[1:][trace.jumps], start_ns)
-    farthest = float(trace.distances()[trace.jumps].max())
-    count = int(trace.jumps.sum())
-    return [Finding("position-jumps", "warning", title, count, spans, {"largest_m": farthest})]
+            traces[meaning] = _trace(t, value, speed)
+    coordinates = _coordinates(columns, speed)
+    return traces | ({"latitude": coordinates} if coordinates else {})
 
 
 def _contradiction(trace: Trace, title: str, speed: Column, share: float) -> list[Finding]:
     """A finding where the way of the places is not that of the speed."""
     travelled = _travelled(trace.t, speed)
-    counted = ~trace.jumps & _moves(trace.t, speed) & np.isfinite(travelled)
+    is_moving = _larger_speeds(trace.t, speed) > _MOVING
+    counted = ~trace.jumps & is_moving & np.isfinite(travelled)
     distance, by_speed = (float(x[counted].sum()) for x in (trace.distances(), travelled))
     if by_speed < _LEAST_WAY or abs(distance - by_speed) <= share * by_speed + _LEAST_JUMP:
         return []
@@ -201,15 +199,9 @@ def _contradiction(trace: Trace, title: str, speed: Column, share: float) -> lis
 
 
 def _channels(log: Log) -> dict[Meaning, Channel]:
-    by_meaning: dict[Meaning, Channel] = {}
-    for c in log.channels:
-        if c.meaning in PLACES and len(c.data.t):
-            by_meaning.setdefault(c.meaning, c)
-    return by_meaning
-
-
-def _columns(log: Log) -> dict[Meaning, Column]:
-    return {meaning: c.data for meaning, c in _channels(log).items()}
+    """The first channel of each meaning of a place."""
+    channels = [c for c in reversed(log.channels) if len(c.data.t)]
+    return {c.meaning: c for c in channels if c.meaning in PLACES}
 
 
 def _speed(log: Log, vehicle: Vehicle) -> Column | None:
@@ -255,19 +247,16 @@ def _trace(t: Times, value: Floats, speed: Column | None) -> Trace:
     usual = float(np.median(distances[is_moving])) if is_moving.any() else 0.0  # of a coarse place
     fastest = np.full(len(distances), _FASTEST)
     if speed is not None and len(speed.t):
-        v = np.interp(t, speed.t, speed.value)
-        fastest = _SPEED_MARGIN * np.maximum(v[1:], v[:-1])
+        fastest = _SPEED_MARGIN * _larger_speeds(t, speed)
     jumps = distances > _LEAST_JUMP + 2.0 * usual + fastest * intervals * 1e-9
     has_gap = intervals > max(gap_limit(intervals), 1e9 * _LEAST_GAP)
     return Trace(t, value, jumps, ~jumps & ~has_gap)
 
 
-def _moves(t: Times, speed: Column | None) -> Bools:
-    """Whether the train moves between successive times, (n - 1,)."""
-    if speed is None:
-        return np.ones(len(t) - 1, np.bool_)
+def _larger_speeds(t: Times, speed: Column) -> Floats:
+    """The larger speed of each two successive times, (n - 1,) [m/s]."""
     v = np.interp(t, speed.t, speed.value)
-    return np.maximum(v[1:], v[:-1]) > _MOVING
+    return np.maximum(v[1:], v[:-1])
 
 
 def _travelled(t: Times, speed: Column) -> Floats:

@@ -5,18 +5,21 @@ others, so they come after those that judge it alone.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.finding import Finding
-from . import outliers, sample_and_hold, speed_signs, stuck_pressure, stuck_speed
+from ..core.model import Bools, Channel
+from . import outliers, sample_and_hold, stuck_pressure, stuck_speed
 from .choose import BRAKES, Channels, Choice, Key
-from .faults import Fault, View, remove_samples
+from .faults import Fault, View, remove_samples, runs
 from .outliers import Params as Outliers
-from .repeats import runs
 from .stuck_pressure import Params as StuckPressure
 from .stuck_speed import Params as StuckSpeed
+
+_BACKWARDS = 1.0  # speed that no noise around standstill reaches [rad/s, of the train m/s]
 
 
 class Thresholds(NamedTuple):
@@ -56,8 +59,8 @@ def screen(choice: Choice, view: View, p: Thresholds) -> Screened:
         return {key: sound[key] for key in channels if key in sound}
 
     channels = remove_faults(outliers.find_faults(p.outliers, channels))
-    channels = remove_faults(speed_signs.find_faults(channels))
-    channels = {k: speed_signs.unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
+    channels = remove_faults(_find_signs(channels))
+    channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
     repeats = {k: runs(c) for k, c in channels.items() if "speed" in k[0] or k[0] in BRAKES}
     brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels, repeats)
     ranges = {
@@ -69,3 +72,28 @@ def screen(choice: Choice, view: View, p: Thresholds) -> Screened:
     channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels, repeats))
     wheel_faults = stuck_speed.find_wheel_faults(p.stuck_speed, channels, repeats, choice.axles)
     return Screened(remove_faults(wheel_faults), ranges, findings)
+
+
+def _find_signs(channels: Channels) -> dict[Key, list[Fault]]:
+    """Where speeds are below zero: the wheels', or else the sign of the train speed."""
+    reverse = any(_runs_backwards(c).any() for k, c in channels.items() if k[0] == "wheel_speed")
+    code, meaning = (
+        ("reverse-running", "wheel_speed") if reverse else ("train-speed-sign", "train_speed")
+    )
+    return {
+        key: [Fault(code, _runs_backwards(c), False, "info")]
+        for key, c in channels.items()
+        if key[0] == meaning
+    }
+
+
+def _runs_backwards(speed: Channel) -> Bools:
+    """Samples of a speed that say the train runs backwards, shape (n,)."""
+    return speed.data.value < -max(_BACKWARDS, speed.step)
+
+
+def _unsigned(speed: Channel) -> Channel:
+    """A speed without its sign where it says that the train runs backwards."""
+    if not _runs_backwards(speed).any():
+        return speed
+    return replace(speed, data=replace(speed.data, value=np.abs(speed.data.value)))

@@ -14,8 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, fraction
 from .choose import BRAKES, Channels, Key
-from .faults import Fault
-from .repeats import RepeatedRuns
+from .faults import Fault, RepeatedRuns
 
 ABOUT = About("Stuck and saturated pressures", "the chance of equal samples of white noise")
 _SHORT_RUN = 30  # samples: so long a stretch is no noise
@@ -32,13 +31,6 @@ class Params(NamedTuple):
     longer: Annotated[float, Quantity("-", "times the usual: valves keep a value, too")] = 4.0
     rises: Annotated[float, Quantity("-", "of itself, in half a second before a top")] = 0.05
     varies: Annotated[float, fraction("of the highest value: all others vary")] = 0.3
-
-
-class Standing(NamedTuple):
-    """Samples at which a pressure sensor repeats its last value; shape (n,)."""
-
-    stuck: Bools
-    saturated: Bools  # at its highest value, the end of its range
 
 
 def find_faults(
@@ -62,20 +54,20 @@ def find_faults(
 
 def standing(
     p: Params, brake: Channel, equal_runs: RepeatedRuns, other_brakes: Sequence[Channel] = ()
-) -> Standing:
-    """Where a pressure sensor is stuck or saturated.
+) -> tuple[Bools, Bools]:
+    """Samples at which a pressure sensor is stuck, and those at the end of its range; (n,) each.
 
     Where it reads its lowest value, its range may end there: that is no fault.
     """
     x = brake.data.value
     if not np.ptp(x) and _all_vary(p, other_brakes):
-        return Standing(np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_))
+        return np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
     silent = _silent(p, brake, equal_runs)
     flat = _flat_top(p, brake, equal_runs, silent)
     silent &= ~flat
     if silent.any() and _range_ends_low(p, brake, equal_runs):
         silent &= equal_runs.value > x.min()
-    return Standing(equal_runs.repeated(silent), equal_runs.repeated(flat))
+    return equal_runs.repeated(silent), equal_runs.repeated(flat)
 
 
 def _all_vary(p: Params, other_brakes: Sequence[Channel]) -> bool:
@@ -148,9 +140,6 @@ def _turns(value: Floats, largest_noise: float, clear_change: float) -> Bools:
     one of both must be larger than `clear_change`.
     """
     changes = np.diff(value)
-    rising, falling, size = changes > 0.0, changes < 0.0, np.abs(changes)
-    fits: Bools = rising[1:] & falling[:-1] | falling[1:] & rising[:-1]
-    fits &= (np.maximum(size[1:], size[:-1]) <= largest_noise) & (
-        np.maximum(size[1:], size[:-1]) > clear_change
-    )
-    return fits
+    larger = np.maximum(np.abs(changes[1:]), np.abs(changes[:-1]))
+    returns: Bools = np.sign(changes[1:]) * np.sign(changes[:-1]) < 0.0
+    return returns & (larger <= largest_noise) & (larger > clear_change)

@@ -16,9 +16,8 @@ from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
 from ..core.physics import clamping_force
 from ..core.sample_times import SampleTimes
 from .choose import AxleChoice, Channels, Key
-from .faults import Fault
+from .faults import Fault, RepeatedRuns
 from .outliers import noise
-from .repeats import RepeatedRuns
 
 ABOUT = About("Stuck speeds", "the other speeds of the train, or the usual effect of its brake")
 Indices = NDArray[np.int64]

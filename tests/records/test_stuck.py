@@ -5,6 +5,7 @@ import tempfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,10 +18,10 @@ from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Channel, Column, Floats, Meaning, Result
+from adhesion_cli.core.model import Bools, Channel, Column, Floats, Meaning, Result
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.records import stuck_pressure, stuck_speed
-from adhesion_cli.records.repeats import runs
+from adhesion_cli.records.faults import runs
 from adhesion_cli.wsp import simulate
 
 DEFAULT = settings.load()
@@ -32,8 +33,13 @@ SENSORS = {
 }  # fmt: skip
 
 
-def standing(brake: Channel) -> stuck_pressure.Standing:
-    return stuck_pressure.standing(PARAMS, brake, runs(brake))
+class Standing(NamedTuple):
+    stuck: Bools
+    saturated: Bools
+
+
+def standing(brake: Channel) -> Standing:
+    return Standing(*stuck_pressure.standing(PARAMS, brake, runs(brake)))
 
 
 ALWAYS = simulated.during(0.0, math.inf)
