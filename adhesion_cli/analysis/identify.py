@@ -45,7 +45,7 @@ from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.brake_line import ANY_SHARE, ROTATING, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
-from ..train.mean_axle import mean_axle, move_axles
+from ..train.mean_axle import brake_shares, mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
 from .prepare import AlignedLog
 from .settings import Settings
@@ -305,7 +305,7 @@ def _is_brake(line: BrakeLine) -> bool:
 
 def force_per_bar(vehicle: Vehicle) -> Parameter:
     """Brake force at the rim of an axle's wheels per bar, with 1 sigma [N]. Source: (15)."""
-    shares = calibrated_vehicle.brake_shares(vehicle)
+    shares = brake_shares(vehicle)
     force = vehicle.friction.value * force_line(vehicle).per_pascal * BAR
     return Parameter(force, force * math.sqrt(float(vehicle.covariance(shares, shares))))
 
@@ -350,8 +350,7 @@ def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
     w, R = wheelset(vehicle, 1), vehicle.radius(1)
     share = w.inertia / (w.mass * w.radius**2)
     inertia, mass = vehicle.wheelset_inertia, vehicle.axle_mass
-    shares = (x.tolerance / x.value for x in (inertia, mass))
-    return Parameter(share, math.hypot(*shares, 2.0 * R.tolerance / R.value) * share)
+    return Parameter(share, math.hypot(inertia.share, mass.share, 2.0 * R.share) * share)
 
 
 def _single_pressure(logs: Sequence[AlignedLog]) -> bool:
@@ -402,7 +401,7 @@ def _any_vehicle(
         changed["friction_fade"] = _FADE
     mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value
     if "wheelset_inertia" not in stated:
-        shares = ROTATING.tolerance / ROTATING.value, mass.tolerance / mass.value
+        shares = ROTATING.share, mass.share
         sigma = math.hypot(*shares)
         I = ROTATING.value * mass.value * R * R  # noqa: E741
         changed["wheelset_inertia"] = Parameter(I, sigma * I)

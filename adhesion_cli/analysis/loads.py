@@ -54,7 +54,7 @@ def stated_load(entry: Any) -> Load:
     for x in mass:
         quantity.check(f"{name}.axle_mass", x)
     usual = Vehicle().axle_mass
-    usual_tolerance = usual.tolerance / usual.value * sum(mass) / 2.0
+    usual_tolerance = usual.share * sum(mass) / 2.0
     tolerance = plain_number(f"{name}.tolerance", entry.get("tolerance", usual_tolerance))
     Quantity("kg", "1 sigma", 0.0, mass[1]).check(f"{name}.tolerance", tolerance)
     return Load((pressure[0] * unit.factor, pressure[1] * unit.factor), mass, tolerance)

@@ -575,7 +575,7 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
 def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name, quantity = f"vehicle.{key}", quantities(Vehicle)[key]
-    share = default.tolerance / default.value if default.value else 0.0
+    share = default.share
     stated = parameter(name, entry, share, default.value)
     quantity.check(name, stated.value)
     replace(quantity, minimum=0.0, text="1 sigma").check(f"{name}.tolerance", stated.tolerance)

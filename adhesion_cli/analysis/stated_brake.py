@@ -182,7 +182,7 @@ def _inertia(vehicle: Table) -> Table:
     if "axle_mass" not in vehicle:
         raise UserError(f"{name} needs the mass", "state vehicle.axle_mass [kg], too", code=2)
     default = Vehicle().wheelset_inertia
-    share = parameter(name, vehicle["rotating_mass"], default.tolerance / default.value)
+    share = parameter(name, vehicle["rotating_mass"], default.share)
     ROTATING_MASS.check(name, share.value)
     mass = parameter("vehicle.axle_mass", vehicle["axle_mass"])
     R = _wheel_radius(vehicle, name)
@@ -198,7 +198,7 @@ def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
         raise UserError(f"{needed_by} needs the diameter of the wheels", hint, code=2)
     (default,) = Vehicle().wheel_radius
     radii = [
-        parameter("vehicle.wheel_radius", entry, default.tolerance / default.value)
+        parameter("vehicle.wheel_radius", entry, default.share)
         for entry in (radius if isinstance(radius, list) else [radius])
     ]
     mean = sum(r.value for r in radii) / len(radii)
@@ -209,5 +209,5 @@ def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
 def _power_product(*factors: tuple[Parameter, float]) -> Parameter:
     """A product of powers of independent factors. Source: JCGM 100, 5.1.6."""
     value = math.prod(x.value**n for x, n in factors)
-    shares = (n * x.tolerance / x.value for x, n in factors if x.value)
+    shares = (n * x.share for x, n in factors)
     return Parameter(value, abs(value) * math.hypot(*shares))

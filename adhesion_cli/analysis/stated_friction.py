@@ -187,7 +187,7 @@ def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:
         raise UserError(text, "one row in [] for each block force, in the same order", code=2)
     values = tuple(_row(row, len(speed)) for row in rows)
     usual = Vehicle().friction
-    name, usual_share = "vehicle.friction.tolerance", usual.tolerance / usual.value
+    name, usual_share = "vehicle.friction.tolerance", usual.share
     share = SHARE.check(name, plain_number(name, entry.get("tolerance", usual_share)))
     table = FrictionTable(speed, forces, values)
     return Parameter(table.reference, share * table.reference), table
@@ -199,7 +199,7 @@ def as_stated(friction: Parameter, table: FrictionTable) -> Table:
     rows = [[factor * x for x in row] for row in table.value]
     forces = {"clamping_force": list(table.clamping_force)} if table.clamping_force else {}
     value = rows if table.clamping_force else rows[0]
-    share = friction.tolerance / friction.value
+    share = friction.share
     return {"speed": list(table.speed), **forces, "value": value, "tolerance": share}
 
 

@@ -149,6 +149,11 @@ class Parameter(NamedTuple):
     value: float
     tolerance: float
 
+    @property
+    def share(self) -> float:
+        """The tolerance over the value; 0 of a value of 0."""
+        return self.tolerance / self.value if self.value else 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:

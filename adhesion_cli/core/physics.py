@@ -70,9 +70,13 @@ def friction_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
 
     v is the speed of the pad on its disc, and K is shared by the pads or blocks of the axle.
     """
+    return fade_share(rim, vehicle) * table_share(rim, K, vehicle.friction_table)
+
+
+def fade_share(rim: Any, vehicle: Vehicle) -> Any:
+    """The same without a friction table: φ(v) / φ [-]."""
     faster = rim - vehicle.friction_speed.value
-    fade = np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
-    return fade * table_share(rim, K, vehicle.friction_table)
+    return np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
 
 
 def friction_change(effect: SpeedEffect, stated: Vehicle) -> float:

@@ -63,6 +63,13 @@ def median_of_five(x: Floats) -> Floats:
     return np.median(windows, axis=-1)
 
 
+def largest_nearby(x: Floats, j: int) -> Floats:
+    """Largest value within j samples, (n,); NaN counts as 0."""
+    padded = np.pad(np.nan_to_num(x), j, mode="edge")
+    largest: Floats = np.lib.stride_tricks.sliding_window_view(padded, 2 * j + 1).max(axis=-1)
+    return largest
+
+
 def pressed_part(record: AxleRecord, application: slice) -> tuple[slice, bool]:
     """The samples of an application until its pressure is gone, and whether that is in the log.
 

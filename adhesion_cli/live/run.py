@@ -68,7 +68,7 @@ def with_any_brake(settings: Settings, by_pressure: bool) -> Settings:
     `analyze` finds these in the log. A live run has none, and its band must hold any brake.
     """
     unstated = settings.unstated_brake(by_pressure)
-    shares = {"axle_mass": MASS.tolerance / MASS.value} if "axle_mass" in unstated else {}
+    shares = {"axle_mass": MASS.share} if "axle_mass" in unstated else {}
     if {*unstated} - {"axle_mass"}:
         shares["friction"] = ANY_SHARE
 

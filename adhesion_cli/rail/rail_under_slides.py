@@ -13,6 +13,7 @@ from ..core.finding import Finding
 from ..core.masks import true_runs
 from ..core.model import AxleRecord, AxleResult, Bools, Floats, Parameter, Vehicle
 from ..core.physics import LONGEST_DUMP
+from ..core.signals import largest_nearby
 from . import fit
 from .events import Slide
 from .sliding import find_creep, slides
@@ -211,7 +212,7 @@ def fit_rail(
     if fit.clear_time(observed) < fit.SHORTEST:
         needed = {"needed_s": fit.SHORTEST, "clear_s": fit.clear_time(observed)}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
-    radius_error, late, rough = radius.tolerance / radius.value, 0.0, (_ROUGH_DRAWS,) * 2
+    radius_error, late, rough = radius.share, 0.0, (_ROUGH_DRAWS,) * 2
     for count in (*(rough if has_uncertain_delay(record) else ()), draws or fit.DRAWS):
         shifted = _without_delay(record, observed, late)
         rail = fit.fit(shifted, vehicle, radius_error, mu_error, count)
@@ -306,6 +307,4 @@ def _around(record: AxleRecord, sigma: Floats) -> Floats:
     smoother spreads it over correct readings nearby.
     """
     h = float(np.median(np.diff(record.t))) * 1e-9
-    m = max(1, round(_SMEARING_TIME / h))
-    padded = np.pad(np.nan_to_num(sigma), m)
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * m + 1).max(axis=-1))
+    return largest_nearby(sigma, max(1, round(_SMEARING_TIME / h)))

@@ -33,7 +33,7 @@ def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float)
 
     `u95` is that of F, `together` the covariance of F with ln m [N].
     """
-    share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    share = vehicle.axle_mass.share
     added = share**2 * force**2 - 2.0 * together * force
     return math.sqrt(max(u95**2 + Z95**2 * added, 0.0))
 

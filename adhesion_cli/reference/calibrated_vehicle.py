@@ -28,11 +28,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model import Z95, AxleRecord, Floats, FrictionTable, Parameter, Train, Vehicle
-from ..core.physics import CHAIN, LEAST_SHARE, RELEASED_SHARE, force_line, piston_area, wheelset
+from ..core.physics import (
+    CHAIN,
+    LEAST_SHARE,
+    RELEASED_SHARE,
+    fade_share,
+    force_line,
+    piston_area,
+    wheelset,
+)
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design, Explanation
 from ..train.grid import FEWEST
+from ..train.mean_axle import brake_shares
 from . import force
 
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
@@ -163,29 +172,18 @@ def calibrate_vehicle(
     return Calibrated(calibrated, rows, correlation, newtons, band)
 
 
-def brake_shares(vehicle: Vehicle) -> dict[str, float]:
-    """By how much each tolerance of the brake moves ln of its force per pressure: C together."""
-    shares = {name: _share(vehicle, name) for name in ("friction", *CHAIN)}
-    return shares | {"cylinder_diameter": 2.0 * _share(vehicle, "cylinder_diameter")}
-
-
 def slowing_shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
     """By how much each tolerance moves ln s: C is `brake_shares`, M is `axle_mass`.
 
     `radius`: whether the speed is ω times the stated radius, not a measured train speed.
     """
-    R, w = vehicle.radius(1), wheelset(vehicle, 1).rolling
+    w = wheelset(vehicle, 1).rolling
     radius_factor = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
     return brake_shares(vehicle) | {
-        "axle_mass": -w * _share(vehicle, "axle_mass"),
-        "wheelset_inertia": (w - 1.0) * _share(vehicle, "wheelset_inertia"),
-        "wheel_radius": radius_factor * R.tolerance / R.value,
+        "axle_mass": -w * vehicle.axle_mass.share,
+        "wheelset_inertia": (w - 1.0) * vehicle.wheelset_inertia.share,
+        "wheel_radius": radius_factor * vehicle.radius(1).share,
     }
-
-
-def _share(vehicle: Vehicle, name: str) -> float:
-    p: Parameter = getattr(vehicle, name)
-    return p.tolerance / p.value
 
 
 def prior(
@@ -233,8 +231,8 @@ def _vehicle(
     v: Vehicle, brake_point: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
     n, shares = len(model.UNITS), slowing_shares(v, brake_point.by_wheels)
-    mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
-    errors = (brake_shares(v), mass, inertia)
+    masses = {"axle_mass": v.axle_mass.share}, {"wheelset_inertia": v.wheelset_inertia.share}
+    errors = (brake_shares(v), *masses)
     S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
     stated_covariance = np.array([[v.covariance(a, b) for a in errors] for b in errors])
     gain = np.array([v.covariance(error, shares) for error in errors]) / scale_variance
@@ -248,7 +246,7 @@ def _vehicle(
     x = posterior.mean
     # With a friction table the logs scale it, and its clamping forces are in `brake_point`.
     name = "friction_scale" if v.friction_table else "friction"
-    phi = v.friction.value * model.friction_share(v, brake_point.speed)
+    phi = v.friction.value * float(fade_share(brake_point.speed, v))
     phi = 1.0 if v.friction_table else phi
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
     I = v.wheelset_inertia.value * math.exp(of_inertia)  # noqa: E741
@@ -315,7 +313,7 @@ def _scaled_table(v: Vehicle, table: FrictionTable, determined: _Values, speed: 
     scaled = table.scaled(
         factor * max(1.0 + fade.value * (u - speed), LEAST_SHARE) for u in table.speed
     )
-    friction = Parameter(scaled.reference, scale.tolerance / scale.value * scaled.reference)
+    friction = Parameter(scaled.reference, scale.share * scaled.reference)
     return {
         "friction": friction,
         "friction_table": scaled,

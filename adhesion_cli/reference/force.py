@@ -188,7 +188,7 @@ def by_tolerances(
     Arguments as of `contributions`: arrays, or numbers for one sample.
     """
     by_name = contributions(record, vehicle, K, dw, speed, earlier)
-    mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
+    mass = {"axle_mass": vehicle.axle_mass.share}
     return vehicle.covariance(by_name, by_name), vehicle.covariance(by_name, mass)
 
 
@@ -226,8 +226,8 @@ def contributions(
         ratio = math.prod(x.value for x in chain.values())  # K over the piston's force    (15)
         piston = K + np.where(K > 0.0, ratio * vehicle.spring_force.value, 0.0)
         d = vehicle.cylinder_diameter
-        terms |= {name: phi.value * K * x.tolerance / x.value for name, x in chain.items()}
-        terms["cylinder_diameter"] = phi.value * piston * 2.0 * d.tolerance / d.value
+        terms |= {name: phi.value * K * x.share for name, x in chain.items()}
+        terms["cylinder_diameter"] = phi.value * piston * 2.0 * d.share
         terms["spring_force"] = -phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0)
         if zero := record.pressure_zero.tolerance:
             per_pascal = ratio * piston_area(vehicle)

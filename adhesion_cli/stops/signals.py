@@ -98,7 +98,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
             train, is_coarse = _shaped(train, rims, base.train_speed_interval)
     else:
         radius = vehicle.radius(base.axle)
-        train, scale = _fastest(rims, rims[base.axle].t), radius.tolerance / radius.value
+        train, scale = _fastest(rims, rims[base.axle].t), radius.share
     ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
     pressure_delay = base.pressure_late
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}

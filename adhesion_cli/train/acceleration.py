@@ -65,13 +65,11 @@ class Integrated(NamedTuple):
     def interpolate(self, t: Times) -> tuple[Floats, Floats]:
         """Speed and its 1 sigma at these times, shape (m,) [m/s]; NaN where nothing was read."""
         since = (t - self.start_ns) * 1e-9
-        v = np.interp(since, self.sample_t, self.sample_gain) + np.interp(
-            since, self.t, self.correction
-        )
+        v = np.interp(since, self.sample_t, self.sample_gain)
+        v += np.interp(since, self.t, self.correction)
         sigma = np.interp(since, self.t, self.sigma)
-        inside = (
-            (since >= self.sample_t[0]) & (since <= self.sample_t[-1]) & (sigma < _LARGEST_SIGMA)
-        )
+        inside = (since >= self.sample_t[0]) & (since <= self.sample_t[-1])
+        inside &= sigma < _LARGEST_SIGMA
         return np.where(inside, np.maximum(v, 0.0), np.nan), np.where(inside, sigma, np.nan)
 
 
@@ -177,17 +175,8 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     compiled.function(_filter)(s, moments)
     compiled.function(_smooth)(s, moments, smoothed)
     v, b, variance = smoothed.T
-    return Integrated(
-        t,
-        g.start_ns,
-        v - gain,
-        np.sqrt(variance),
-        b,
-        sample_t,
-        sign * area,
-        sign,
-        g.step * float(anchored.sum()),
-    )
+    columns = v - gain, np.sqrt(variance), b, sample_t, sign * area
+    return Integrated(t, g.start_ns, *columns, sign, g.step * float(anchored.sum()))
 
 
 def _sign(rate: Floats, braked: Bools, unbraked: Bools) -> int:
@@ -223,11 +212,8 @@ def _samples(
     noise = white_noise([(sample_t, a.data.value)]) + a.step**2 / 12.0
     walk = np.full(n, noise * float(np.median(np.diff(sample_t))) * h)
     next_sample = np.searchsorted(sample_t, t).clip(1, len(sample_t) - 1)
-    in_gap = (
-        (sample_t[next_sample] - sample_t[next_sample - 1] > max(1e-9 * a.gap_ns, h))
-        | (t < sample_t[0])
-        | (t > sample_t[-1])
-    )
+    in_gap = np.diff(sample_t)[next_sample - 1] > max(1e-9 * a.gap_ns, h)
+    in_gap |= (t < sample_t[0]) | (t > sample_t[-1])
     walk[in_gap] += h * _GAP_SIGMA**2
     drift: Floats = _DRIFT**2 * h + (_PITCH * np.diff(mean, prepend=mean[0])) ** 2
 
@@ -237,13 +223,6 @@ def _samples(
         np.median(x[rolls] / median_rim[rolls]) if rolls.any() else 1.0
         for x, rolls in zip(rim, rolling, strict=True)
     ]
-    return _AccelerationSamples(
-        h,
-        step_gain,
-        walk,
-        drift,
-        rim / np.array(ratio)[:, None],
-        (_WHEEL_SIGMA**2 + (_CREEP * mean * rim) ** 2) * _CORRELATION_TIME / h,
-        standstill,
-        level,
-    )
+    variance = (_WHEEL_SIGMA**2 + (_CREEP * mean * rim) ** 2) * _CORRELATION_TIME / h
+    wheels = rim / np.array(ratio)[:, None], variance, standstill, level
+    return _AccelerationSamples(h, step_gain, walk, drift, *wheels)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.finding import Finding
+from ..core.finding import Finding, Severity
 from ..core.model import Z95, Channel, Parameter
 from ..core.physics import RECEIVER_INTERVAL
 from ..core.sample_times import SampleTimes
@@ -45,16 +45,12 @@ def _integrated(axles: list[AxleChannels], a: Channel) -> tuple[list[AxleChannel
         unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
         return axles, [unused]
     integrated_axles, highest = [], 0.0
+    late = Parameter(0.0, acceleration.FILTER_DELAY_SIGMA)
     for x in axles:
         speed, sigma = v.interpolate(x.record.t)
         highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
-        record = replace(
-            x.record,
-            train_speed=speed,
-            train_speed_sigma=sigma,
-            train_speed_late=Parameter(0.0, acceleration.FILTER_DELAY_SIGMA),
-        )
-        integrated_axles.append(x._replace(record=record))
+        record = replace(x.record, train_speed=speed, train_speed_sigma=sigma)
+        integrated_axles.append(x._replace(record=replace(record, train_speed_late=late)))
     values = {
         "sigma_mps": highest,
         "bias_low_mps2": float(v.bias.min()),
@@ -77,7 +73,9 @@ def _on_one_clock(
     if train is None:
         return axles, []
     interval_s = axles[0].record.train_speed_interval
-    delay, offset = clock.compare_clocks(g, interval_s, _resolution(train))
+    levels = np.unique(np.round(train.data.value, 6))
+    resolution = float(np.diff(levels).min(initial=math.inf))  # tiny, of a speed without steps
+    delay, offset = clock.compare_clocks(g, interval_s, resolution)
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
@@ -130,34 +128,18 @@ def _beside_stated_delay(
     return [_shifted(a, delay) if a.train is train else a for a in axles], []
 
 
-def _resolution(channel: Channel) -> float:
-    """The least step between two values of a channel [m/s]; of one without steps, it is tiny."""
-    levels = np.unique(np.round(channel.data.value, 6))
-    return float(np.diff(levels).min(initial=math.inf))
-
-
 def _clock_findings(
     code: str, train: Channel, values: dict[str, float], view: View
 ) -> list[Finding]:
-    start, stop = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
-    return [
-        Finding(
-            code,
-            "info" if code == _CORRECTED else "warning",
-            channel=train.title,
-            count=train.rows,
-            spans=((start, stop),),
-            values=values,
-        )
-    ]
+    start, stop = view.seconds(train.data.t[[0, -1]]).tolist()
+    severity: Severity = "info" if code == _CORRECTED else "warning"
+    return [Finding(code, severity, train.title, train.rows, ((start, stop),), values)]
 
 
 def _same_samples(channel: Channel, other_channel: Channel) -> bool:
     """Whether two channels hold the same samples: a result of this program repeats one per axle."""
     a, b = channel.data, other_channel.data
-    return channel is other_channel or (
-        np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value)
-    )
+    return a is b or (np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value))
 
 
 def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:

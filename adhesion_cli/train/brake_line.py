@@ -27,7 +27,7 @@ import numpy as np
 from ..core.masks import erode, true_runs
 from ..core.model import Bools, DifferingStop, Floats, Parameter, SpeedEffect
 from ..core.physics import CRAWL, GRADIENT, NO_FORCE, RELEASED_SHARE, STANDING
-from ..core.signals import robust_sigma
+from ..core.signals import largest_nearby, robust_sigma
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid
 from .longitudinal import RESISTANCE_OF_TRAINS
@@ -74,9 +74,7 @@ class BrakeLine(NamedTuple):
     # stops that the line does not explain, after the first time of the grid
     differing: tuple[DifferingStop, ...] = ()
     speed_effect: SpeedEffect | None = None  # None where too little rolls slowly or fast
-    mass: Parameter | None = (
-        None  # of an axle, by the forces of motors, where it is not stated [kg]
-    )
+    mass: Parameter | None = None  # of an axle, by the forces of motors; None: it is stated [kg]
     mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 
@@ -137,14 +135,20 @@ def find_brake_line(
     by_rotating = np.where(rolling, 0.0, rim_slowing - slowing)[braked] / (1.0 + rho) ** 2
     of_rotating = float(np.mean(by_rotating)) * rotating.tolerance / (line.slope * line.brake)
     of_motors = float(np.mean(motor_sigma[braked])) / (line.slope * line.brake)
-    least_acting = np.min(friction, axis=0) * (_lowest_nearby(grid, mean_x) - line.zero)
-    rim_by_brake = rim_slowing - coasting - motors
-    slows_less = _slows_less(grid, least_acting, rim_by_brake, line) & applied
+    lowest_x = -largest_nearby(-mean_x, 2 * grid.half_width)  # within a second
+    slows_less = _slows_less(
+        grid,
+        np.min(friction, axis=0) * (lowest_x - line.zero),
+        rim_slowing - coasting - motors,
+        line,
+    )
+    slows_less &= applied  # for long; wheels that slide together recover in between
+    recovers_not = np.min(rim_slowing[slows_less], initial=np.inf) > GRADIENT / 2.0
     return line._replace(
         sigma=math.hypot(line.sigma, of_rotating, of_motors),
         speed=float(np.mean(v[braked])),
         rolling=bool(rolling[braked].all()),
-        mixed=_is_mixed(grid, slows_less, rim_slowing)
+        mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED and recovers_not)
         or _takes_over(mean_x, by_brake, applied & _agree(grid), steady, grid.step),
         differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
         speed_effect=_speed_effect(grid, line, acting, by_brake[braked], v[braked], len(stops)),
@@ -193,16 +197,6 @@ def _acting(x: Floats, friction: Floats) -> _Acting:
     return _Acting(x, np.mean(acting * x, axis=0), np.mean(acting, axis=0))
 
 
-def _lowest_nearby(grid: Grid, x: Floats) -> Floats:
-    """The lowest value within a second, (n,)."""
-    width = 2 * grid.half_width
-    nearby = np.lib.stride_tricks.sliding_window_view(
-        np.pad(np.nan_to_num(x), width, "edge"), 2 * width + 1
-    )
-    lowest: Floats = nearby.min(axis=-1)
-    return lowest
-
-
 def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
     """Where wheels that roll slow much less than the line says, shape (n,).
 
@@ -214,12 +208,6 @@ def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine
         rim_slowing < slowest - _SIGMAS * grid.gradient_sigma
     )
     return slows_less
-
-
-def _is_mixed(grid: Grid, slows_less: Bools, rim_slowing: Floats) -> bool:
-    """Whether wheels slow less for long. Those that slide together recover in between."""
-    lasts = bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
-    return lasts and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0)
 
 
 def _agree(grid: Grid) -> Bools:

@@ -29,7 +29,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,22 +89,13 @@ class _ClockSamples(NamedTuple):
 
     def select(self, axles: Bools) -> "_ClockSamples":
         """Those of some axles."""
-        of_axles = ("rim", "released", "usable", "fast", "by_radius", "by_creep")
-        return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
+        return self._replace(**{n: x[axles] for n, x in self._asdict().items() if np.ndim(x) == 2})
 
     def cut(self, samples: slice) -> "_ClockSamples":
         """Those of a part of the log."""
-        over_time = (
-            "t",
-            "train_slows",
-            "rim",
-            "released",
-            "usable",
-            "fast",
-            "by_radius",
-            "by_creep",
-        )
-        return self._replace(**{name: getattr(self, name)[..., samples] for name in over_time})
+        columns = {n: x for n, x in self._asdict().items() if isinstance(x, np.ndarray)}
+        parts: dict[str, Any] = {n: x[..., samples] for n, x in columns.items()}
+        return self._replace(**parts)
 
 
 class _Fits(NamedTuple):
@@ -147,9 +138,8 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
         return np.interp(sample_t + tau, train_t, measured, left=np.nan, right=np.nan)
 
     noise = max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs))
-    s = _samples(
-        g, sample_t, stride, noise, max(1.0, max(_NOISE_TIME, 3.0 * interval) / (g.step * stride))
-    )
+    correlated = max(1.0, max(_NOISE_TIME, 3.0 * interval) / (g.step * stride))
+    s = _samples(g, sample_t, stride, noise, correlated)
     clocks = _compare(s, read_train, resolution)
     if clocks.delay or clocks.offset:
         return clocks

@@ -20,7 +20,6 @@ slope in each piece, because the gradient of the track is free.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +39,7 @@ from .longitudinal import (
     spring_share,
     tolerance,
 )
-from .pieces import build_design, sum_by_piece, without_slope
+from .pieces import build_design, mean_square, sum_by_piece, without_slope
 from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
 
 _LATE_SIGMA = 0.2  # 1 sigma of the train speed's delay from which rolling wheels say more [s]
@@ -117,16 +116,10 @@ def explain_deceleration(
     if explanation.line and uses_train_speed:
         train_line = _explain_design(train_design, vehicle).line if train_design else None
         if train_line is None:
-            explanation = _without_line(explanation)
+            if explanation.delay_or_line:  # the delay may be the line, too
+                explanation = explanation._replace(pressure_delay=AS_STATED.pressure_delay)
+            explanation = explanation._replace(line=None, delay_or_line=False)
     return explanation._replace(design=train_design or rim_design)
-
-
-def _without_line(explanation: Explanation) -> Explanation:
-    """The explanation without another force line, and without a delay that may be one."""
-    delay = explanation.pressure_delay
-    if explanation.delay_or_line:
-        delay = AS_STATED.pressure_delay
-    return explanation._replace(line=None, pressure_delay=delay, delay_or_line=False)
 
 
 def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
@@ -136,16 +129,6 @@ def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
     """
     delay = axles[0].record.train_speed_late
     return delay is not None and delay.tolerance > _LATE_SIGMA
-
-
-class _CauseFits(NamedTuple):
-    """The likeliest point of each cause, see the table above."""
-
-    stated: Likeliest
-    delayed: Likeliest
-    line: Likeliest
-    both: Likeliest
-    sample_counts: Floats  # independent samples of each piece, (p,)
 
 
 def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
@@ -163,9 +146,7 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     first_fit = search([d], [d.size], stated_prior, [start])
     pieces = _gradients(d, first_fit.posterior())
     near_fit = search([d], [d.size], both_prior, [first_fit.mean])
-    mean_squares = (
-        sum_by_piece(d, residual(d, first_fit.mean, first_fit.mean[SHARED:]) ** 2) / d.size
-    )
+    mean_squares = mean_square(d, residual(d, first_fit.mean, first_fit.mean[SHARED:]))
     noise = _NOISE_RATIO * math.hypot(d.noise, d.floor)
     if first_fit.cost - near_fit.cost < clear_gain and (mean_squares < noise**2).all():
         return AS_STATED._replace(pieces=pieces)
@@ -180,8 +161,8 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
         for prior in (delay_prior, force_prior)
     )
     both = _best(d, counts, both_prior, [*both_starts, free_fit.mean], [stated, delayed, line])
-    fits = _CauseFits(stated, delayed, line, both, counts)
-    explanation = _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
+    fits = stated, delayed, line, both
+    explanation = _judge(d, fits, counts, vehicle, clear_gain)._replace(pieces=pieces)
     value, sigma = near_fit.posterior().delay
     is_shown = abs(value) < EARLY and sigma < EARLY
     if not explanation.pressure_delay.value and is_shown:  # it may be that, or none
@@ -220,16 +201,27 @@ def _gradients(d: Design, posterior: Posterior) -> tuple[Piece, ...]:
     return tuple(pieces)
 
 
-def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> Explanation:
-    """The explanation that the costs of all fits support together."""
-    delayed, line = fits.delayed, fits.line
+def _judge(
+    d: Design,
+    fits: tuple[Likeliest, Likeliest, Likeliest, Likeliest],
+    counts: Floats,
+    vehicle: Vehicle,
+    clear_gain: float,
+) -> Explanation:
+    """The explanation that the costs of the four fits, see the table above, support together.
+
+    `counts` are the independent samples of each piece (p,).
+    """
+    stated, delayed, line, both = fits
     single_cost = min(delayed.cost, line.cost)
-    simplest_cost = min(fits.stated.cost, _cost_without_brake(d, fits.sample_counts))
-    if min(single_cost, fits.both.cost) > simplest_cost - clear_gain:
+    squares = mean_square(d, without_slope(d, d.v))  # of gradients alone
+    cost_without_brake = float(counts @ np.log(squares + d.floor**2))
+    simplest_cost = min(stated.cost, cost_without_brake)
+    if min(single_cost, both.cost) > simplest_cost - clear_gain:
         return AS_STATED
-    needs_both = fits.both.cost < single_cost - clear_gain
+    needs_both = both.cost < single_cost - clear_gain
     if needs_both:
-        delayed = line = fits.both
+        delayed = line = both
     value, sigma = delayed.posterior().delay
     delay = Parameter(value, math.hypot(sigma, _delay_by_line(d)))
     s, o = math.exp(line.mean[SCALE]), float(line.mean[OFFSET])
@@ -248,8 +240,9 @@ def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> 
     # Where all wheels slide from the first moment on, they slow harder than by their brakes.
     may_slide = not d.shows_slides and s > 1.0 and math.sqrt(d.v @ d.v / len(d.v)) < _LITTLE_SPEED
     is_no_line = line_differs and (may_slide or not 1.0 / _ANY_FACTOR < s < _ANY_FACTOR)
-    single_fit = min(delayed, line, key=lambda fit: fit.cost)
-    if is_no_line or _residual_share(d, fits.sample_counts, single_fit) > _LARGEST_RESIDUAL:
+    x = min(delayed, line, key=lambda fit: fit.cost).mean
+    squares_left = np.maximum(mean_square(d, residual(d, x, x[SHARED:])) - d.floor**2, 0.0)
+    if is_no_line or counts @ squares_left / (counts @ squares) > _LARGEST_RESIDUAL:
         return AS_STATED
     return Explanation(
         delay if is_delayed else AS_STATED.pressure_delay,
@@ -277,18 +270,3 @@ def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:
     factor_limit = math.log1p(math.hypot(STATED_SIGMAS * tolerance(vehicle), offset_limit))
     largest_factor = max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3))))
     return abs(o) > max(_SMALL_OFFSET, offset_limit) or largest_factor > factor_limit
-
-
-def _cost_without_brake(d: Design, sample_counts: Floats) -> float:
-    """Cost of gradients alone, comparable with that of a fit."""
-    mean_squares = sum_by_piece(d, without_slope(d, d.v) ** 2) / d.size
-    return float(sample_counts @ np.log(mean_squares + d.floor**2))
-
-
-def _residual_share(d: Design, sample_counts: Floats, fit: Likeliest) -> float:
-    """Share of the speed's square that a fit leaves, without rounding."""
-    mean_squares = sum_by_piece(d, residual(d, fit.mean, fit.mean[SHARED:]) ** 2) / d.size
-    total_squares = sum_by_piece(d, without_slope(d, d.v) ** 2) / d.size
-    return float(
-        sample_counts @ np.maximum(mean_squares - d.floor**2, 0.0) / (sample_counts @ total_squares)
-    )

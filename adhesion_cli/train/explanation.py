@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from ..core.model import Floats, Parameter
 
+_NONE, _NO_PLACES = np.empty(0), np.empty(0, np.int64)
+
 
 class OtherForceLine(NamedTuple):
     """Another force line: K is s (K − o)."""
@@ -32,16 +34,9 @@ class Design(NamedTuple):
     relative_speed: Floats  # u − ū (n,) [m/s]
     top: float  # the highest K [N]
     samples: NDArray[np.int64]  # samples of the pieces, (m,)
-    piece_start: NDArray[np.int64]  # place of each piece's first sample in `samples`, (p,)
-    size: Floats  # how many each has, (p,)
     gradient_covariance: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
     has_quadratic: bool  # whether pieces have γ
-    time: Floats  # from the piece's middle, (m,) [s]
-    bend: Floats  # t² of its piece without a straight line, of unit length; 0 without γ; (m,)
     measured: Floats  # speed (m,) [m/s]
-    v: Floats  # speed without α and γ (m,) [m/s]
-    speed: Floats  # that itself, smooth (m,) [m/s]
-    squared: Floats  # ∫u² dt without α and γ (m,) [m²/s]
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
     floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
@@ -53,6 +48,14 @@ class Design(NamedTuple):
     gradient_sigma: float  # 1 sigma of the gradient that is not known [m/s²]
     by_motors: Floats  # deceleration by the motors' force all along, (n,) [m/s²]
     motor_sigma: Floats  # 1 sigma of it, one error of all samples, (n,) [m/s²]
+    # by the pieces, see `pieces`
+    piece_start: NDArray[np.int64] = _NO_PLACES  # of its first sample in `samples`, (p,)
+    size: Floats = _NONE  # how many each has, (p,)
+    time: Floats = _NONE  # from the piece's middle, (m,) [s]
+    bend: Floats = _NONE  # t² of its piece without a straight line, of unit length; 0 without γ
+    v: Floats = _NONE  # speed without α and γ (m,) [m/s]
+    speed: Floats = _NONE  # that itself, smooth (m,) [m/s]
+    squared: Floats = _NONE  # ∫u² dt without α and γ (m,) [m²/s]
 
 
 class Explanation(NamedTuple):

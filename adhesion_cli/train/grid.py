@@ -149,8 +149,11 @@ class Grid:
         """
         fastest = self.fastest
         top = float(np.nanmax(fastest, initial=0.0))
-        ratio = self.rim / np.where(fastest > max(0.1 * top, 1e-9), fastest, np.nan)
-        return _relative_to_high(ratio, fastest > 0.3 * top)
+        shares = self.rim / np.where(fastest > max(0.1 * top, 1e-9), fastest, np.nan)
+        for row in shares:
+            usual = row[np.isfinite(row) & (fastest > 0.3 * top)]
+            row /= max(float(np.quantile(usual, 0.9)), 1e-9) if len(usual) else np.nan
+        return shares
 
     @cached_property
     def rolling(self) -> Bools:
@@ -233,8 +236,8 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
     share = wheelset(replace(vehicle, axles=()), 1).rolling  # of the mean axle
     climbing = []
     for g in grids:
-        slowing = share * gradient.deceleration(g.t)
-        climb = np.concatenate([[0.0], np.cumsum(slowing[1:] + slowing[:-1]) * g.step / 2.0])
+        slowing, seconds = share * G * gradient.at(g.t), (g.t - g.start_ns) * np.float64(1e-9)
+        climb = running_integral(seconds, slowing)
         climbing.append(replace(g, climb=climb, gradient_sigma=G * gradient.sigma))
     return Grids(*climbing)
 
@@ -268,10 +271,8 @@ def _hold_mask(g: Grid) -> Bools:
     keeps_speed[j:-j] = np.abs(v[2 * j :] - v[: -2 * j]) < _HELD_RATE * 2 * j * g.step
     for start, stop in true_runs(pressed & keeps_speed & (g.fastest > CRAWL)):
         lasts = (stop - start) * g.step > _HELD_TIME
-        if (
-            lasts and g.fastest[stop - 1] > g.fastest[start] / 2.0
-        ):  # no stop in a wrong unit of time
-            # it kept its speed for half a window before and after
+        # a stop in a wrong unit of time is no holding, and it kept its speed for half a window more
+        if lasts and g.fastest[stop - 1] > g.fastest[start] / 2.0:
             hold_mask[max(start - j, 0) : stop + j] = True
     return hold_mask & pressed
 
@@ -391,13 +392,3 @@ def long_runs(mask: Bools, seconds: float, g: Grid) -> Bools:
     for start, stop in true_runs(mask):
         in_long_run[start:stop] = (stop - start) * g.step > seconds
     return in_long_run
-
-
-def _relative_to_high(share: Floats, fast: Bools) -> Floats:
-    """Each row over its own high value; shape (k, n)."""
-    rows = np.full(share.shape, np.nan)
-    for row, x in zip(rows, share, strict=True):
-        values = x[np.isfinite(x) & fast]
-        if len(values):
-            row[:] = x / max(float(np.quantile(values, 0.9)), 1e-9)
-    return rows

@@ -38,7 +38,7 @@ vehicles have up to 7e-5 1/m, by 0.6 kg/m³ times 10 m² over 80 t.
 import math
 
 from ..core.model import Parameter, Vehicle
-from ..core.physics import chain_ratio
+from ..core.physics import chain_ratio, fade_share
 from .mean_axle import brake_sigma
 
 UNITS = {
@@ -66,7 +66,7 @@ FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
 
 def tolerance(v: Vehicle) -> float:
     """1 sigma of the deceleration by the pressure, as a share of it, from what is stated."""
-    return math.hypot(brake_sigma(v), v.axle_mass.tolerance / v.axle_mass.value)
+    return math.hypot(brake_sigma(v), v.axle_mass.share)
 
 
 def line_prior(
@@ -76,7 +76,7 @@ def line_prior(
 
     It depends on the highest K [N], the mean speed [m/s] and the longest interval of samples [s].
     """
-    fade, mean_share = vehicle.friction_fade, friction_share(vehicle, speed)
+    fade, mean_share = vehicle.friction_fade, fade_share(speed, vehicle)
     spring = spring_share(top, vehicle).tolerance
     return {
         SCALE: Parameter(0.0, max(math.log1p(tolerance(vehicle)), _EXACT)),
@@ -87,11 +87,6 @@ def line_prior(
         RESISTANCE: RESISTANCE_OF_TRAINS,
         DRAG: DRAG_OF_TRAINS,
     }
-
-
-def friction_share(vehicle: Vehicle, speed: float) -> float:
-    """φ at a speed [m/s], over `friction`."""
-    return max(1.0 + vehicle.friction_fade.value * (speed - vehicle.friction_speed.value), 0.1)
 
 
 def spring_share(top: float, vehicle: Vehicle) -> Parameter:

@@ -58,19 +58,16 @@ def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
     """The mean axle of these, with a list of all radii up to the last number."""
     vehicles = list(by_number.values())
     first_vehicle, n = vehicles[0], len(vehicles)
-    radii = tuple(
-        by_number.get(number, first_vehicle).wheel_radius[0]
-        for number in range(1, max(by_number) + 1)
-    )
+    numbers = range(1, max(by_number) + 1)
+    radii = tuple(by_number.get(number, first_vehicle).wheel_radius[0] for number in numbers)
     if _have_equal_values(vehicles):
         return replace(first_vehicle, wheel_radius=radii)
     forces = [v.friction.value * force_line(v).per_pascal for v in vehicles]
     changed: _Changes = {}
     for name in _BRAKE:
-        tolerance = _mean_of([_share(getattr(v, name)) for v in vehicles], forces)
-        value = getattr(first_vehicle, name).value * (
-            sum(forces) / n / forces[0] if name == "discs" else 1
-        )
+        tolerance = _mean_of([getattr(v, name).share for v in vehicles], forces)
+        factor = sum(forces) / n / forces[0] if name == "discs" else 1
+        value = getattr(first_vehicle, name).value * factor
         changed[name] = Parameter(value, value * tolerance)
     # The springs take φ ratio F of an axle's force, in the mean as well.
     ratios = [v.friction.value * chain_ratio(v) for v in vehicles]
@@ -109,11 +106,9 @@ def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> V
     stated_mean = _at_speed(stated_mean, identified.friction_speed.value)
     if not vehicle.axles:
         return _move_axle(vehicle, stated_mean, identified)
-    axles = [
-        axle_vehicle._replace(vehicle=_move_axle(axle_vehicle.vehicle, stated_mean, identified))
-        for axle_vehicle in vehicle.axles
-    ]
-    return vehicle_of_axles(axles)
+    moved = (_move_axle(a.vehicle, stated_mean, identified) for a in vehicle.axles)
+    pairs = zip(vehicle.axles, moved, strict=True)
+    return vehicle_of_axles([axle._replace(vehicle=v) for axle, v in pairs])
 
 
 def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
@@ -125,9 +120,9 @@ def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle)
         x, stated_value, identified_value = (
             getattr(v, name) for v in (axle_vehicle, stated_mean, identified)
         )
-        share = of_brake if name in _BRAKE else _ratio_of(_share(x), _share(stated_value))
+        share = of_brake if name in _BRAKE else _ratio_of(x.share, stated_value.share)
         value = x.value * (identified_value.value / stated_value.value) ** share
-        changed[name] = Parameter(value, value * _share(identified_value) * share)
+        changed[name] = Parameter(value, value * identified_value.share * share)
     # What differs in the spring is a pressure, which acts on every piston.
     area = piston_area(axle_vehicle) / piston_area(stated_mean)
     spring_change = (identified.spring_force.value - stated_mean.spring_force.value) * area
@@ -139,7 +134,7 @@ def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle)
     )
     if stated_mean.friction_table and identified.friction_table:
         tables = stated_mean.friction_table, identified.friction_table
-        changed |= _moved_table(axle_vehicle, *tables, _share(identified.friction), of_brake)
+        changed |= _moved_table(axle_vehicle, *tables, identified.friction.share, of_brake)
     load = _moved_load(axle_vehicle, stated_mean, identified)
     return replace(axle_vehicle, **changed, load=load, correlation=identified.correlation)
 
@@ -149,15 +144,11 @@ def _moved_load(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle
     if axle_vehicle.load is None:
         return None
     stated_value, identified_value = stated_mean.axle_mass, identified.axle_mass
-    factor = (identified_value.value / stated_value.value) ** _ratio_of(
-        _share(axle_vehicle.axle_mass), _share(stated_value)
-    )
+    share = _ratio_of(axle_vehicle.axle_mass.share, stated_value.share)
+    factor = (identified_value.value / stated_value.value) ** share
     empty_mass, loaded_mass = axle_vehicle.load.axle_mass
-    tolerance = (
-        factor
-        * axle_vehicle.load.tolerance
-        * _ratio_of(_share(identified_value), _share(stated_value))
-    )
+    narrower = _ratio_of(identified_value.share, stated_value.share)
+    tolerance = factor * axle_vehicle.load.tolerance * narrower
     return axle_vehicle.load._replace(
         axle_mass=(factor * empty_mass, factor * loaded_mass), tolerance=tolerance
     )
@@ -204,15 +195,16 @@ def _at_speed(v: Vehicle, speed: float) -> Vehicle:
     )
 
 
-def _share(x: Parameter) -> float:
-    return x.tolerance / x.value if x.value else 0.0
-
-
 def _ratio_of(a: float, b: float) -> float:
     return a / b if b else 1.0
 
 
+def brake_shares(vehicle: Vehicle) -> dict[str, float]:
+    """By how much each tolerance of the brake moves ln of its force per pressure."""
+    shares = {name: getattr(vehicle, name).share for name in ("friction", *CHAIN)}
+    return shares | {"cylinder_diameter": 2.0 * vehicle.cylinder_diameter.share}
+
+
 def brake_sigma(v: Vehicle) -> float:
     """1 sigma of ln of the brake force per pressure, by the tolerances."""
-    shares = [_share(getattr(v, name)) for name in ("friction", *CHAIN)]
-    return math.hypot(*shares, 2.0 * _share(v.cylinder_diameter))
+    return math.hypot(*brake_shares(v).values())

@@ -87,7 +87,7 @@ def find_motor_mass(
     if is_inertia_stated:
         inertia, radius = vehicle.wheelset_inertia, vehicle.radius(1)
         rotating = inertia.value / radius.value**2
-        error = math.hypot(inertia.tolerance / inertia.value, 2.0 * radius.tolerance / radius.value)
+        error = math.hypot(inertia.share, 2.0 * radius.share)
         mass, sigma = mass - rotating, math.hypot(sigma, rotating * error)
     else:
         mass /= 1.0 + ROTATING.value

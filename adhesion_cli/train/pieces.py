@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ..core.masks import erode, true_runs
 from ..core.model import Bools, Floats, Vehicle
-from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
-from ..core.signals import white_noise
+from ..core.physics import CRAWL, RELEASED_SHARE, braked, fade_share, force_line, wheelset
+from ..core.signals import running_integral, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
 from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids
-from .longitudinal import DELAY_SIGMA, FLOOR, friction_share
+from .longitudinal import DELAY_SIGMA, FLOOR
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
@@ -40,19 +40,15 @@ def build_design(
     not the mean of the rims.
     """
     coarse_grid, fine_grid = grids
-    v = (
-        fine_grid.train
-        if by_train and fine_grid.train is not None
-        else np.mean(fine_grid.rim, axis=0)
-    )
+    train = fine_grid.train if by_train else None
+    v = np.mean(fine_grid.rim, axis=0) if train is None else train
     t: Floats = fine_grid.step * np.arange(fine_grid.rim.shape[1], dtype=np.float64)
     K, top = _relative_force(axles, vehicle, fine_grid, t)
     finite = np.isfinite(np.mean(fine_grid.clamping, axis=0))
     if top <= 0.0:
         return None
-    pieces, run_starts = _pieces(
-        np.maximum(K, 0.0), np.nan_to_num(v), finite, coarse_grid, fine_grid
-    )
+    braking = np.maximum(K, 0.0)
+    pieces, run_starts = _pieces(braking, np.nan_to_num(v), finite, coarse_grid, fine_grid)
     if not pieces:
         return None
     samples, piece_start = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
@@ -61,8 +57,8 @@ def build_design(
     rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
     mean = float(v[samples].mean())
     w = wheelset(vehicle, axles[0].record.axle)
-    c = braked_share * float(braked(top, w)) * friction_share(vehicle, mean)
-    floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, np.maximum(K, 0.0), interval))
+    c = braked_share * float(braked(top, w)) * float(fade_share(mean, vehicle))
+    floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, braking, interval))
     by_motors, motor_sigma = motor_deceleration(fine_grid, vehicle, axles, braked_share)
     floor = math.hypot(floor, DELAY_SIGMA * float(np.max(np.abs(by_motors), initial=0.0)))
     complete_speed = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
@@ -72,23 +68,16 @@ def build_design(
         relative_speed=complete_speed - mean,
         top=top,
         samples=samples,
-        piece_start=piece_start,
-        size=np.zeros(0),
         gradient_covariance=_gradient_covariance(np.array(run_starts), fine_grid),
         has_quadratic=True,
-        time=v[samples],
-        bend=v[samples],
         measured=v[samples],
-        v=v[samples],
-        speed=v[samples],
-        squared=v[samples],
         c=c,
         noise=noise,
         floor=floor,
         shows_slides=fine_grid.train is not None,
         interval=interval,
         mean=mean,
-        creeps=not (by_train and fine_grid.train is not None),
+        creeps=train is None,
         climb=(fine_grid.climb + np.zeros(len(t)))[samples],
         gradient_sigma=fine_grid.gradient_sigma,
         by_motors=by_motors,
@@ -124,12 +113,7 @@ def motor_deceleration(
     w, mass = wheelset(vehicle, axles[0].record.axle), vehicle.axle_mass
     slowing = braked_share * braked(np.nan_to_num(np.mean(grid.motors, axis=0)), w)
     sigma = braked_share * braked(np.nan_to_num(np.mean(grid.motor_sigma, axis=0)) / w.phi, w)
-    return slowing, np.hypot(sigma, slowing * mass.tolerance / mass.value)
-
-
-def motor_loss(d: Design) -> Floats:
-    """What the motors take from the speed, (m,) [m/s]."""
-    return integral(d, d.by_motors)[d.samples]
+    return slowing, np.hypot(sigma, slowing * mass.share)
 
 
 def _motor_covariance(d: Design) -> Floats:
@@ -140,18 +124,21 @@ def _motor_covariance(d: Design) -> Floats:
 
 def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
     """The design with pieces that begin at these places in `samples`."""
-    d = d._replace(
-        piece_start=piece_start, size=np.diff(piece_start, append=len(d.samples)).astype(np.float64)
-    )
+    sizes = np.diff(piece_start, append=len(d.samples))
+    d = d._replace(piece_start=piece_start, size=sizes.astype(np.float64))
     t, u = d.t[d.samples], d.relative_speed + d.mean
     d = d._replace(time=t - repeat_by_piece(d, sum_by_piece(d, t) / d.size))
-    d = d._replace(bend=_bend(d))
-    unbent = without_bend(d, d.measured + d.climb)
+    # Times are even: a straight line leaves t² without its mean.
+    bent = d.time**2 - repeat_by_piece(d, mean_square(d, d.time))
+    lengths = np.sqrt(np.maximum(sum_by_piece(d, bent**2), 1e-30))
+    is_bent = (d.size >= _FEWEST_BENT) & d.has_quadratic
+    d = d._replace(bend=bent * repeat_by_piece(d, np.where(is_bent, 1.0 / lengths, 0.0)))
+    unbent = without_bend(d, d.measured + d.climb)  # and below without the motors
     smooth = d.measured - without_slope(d, unbent)
     return d._replace(
-        v=unbent + without_bend(d, motor_loss(d)),
+        v=unbent + without_bend(d, running_integral(d.t, d.by_motors)[d.samples]),
         speed=smooth,
-        squared=without_bend(d, integral(d, u * u)[d.samples]),
+        squared=without_bend(d, running_integral(d.t, u * u)[d.samples]),
     )
 
 
@@ -167,7 +154,7 @@ def along_track(d: Design) -> Design:
         for bounds, n in zip(pairwise(runs), pieces_per_run, strict=True)
     ]
     d = _with_pieces(d._replace(has_quadratic=False), np.concatenate(edges).astype(np.int64))
-    distance = sum_by_piece(d, integral(d, d.relative_speed + d.mean)[d.samples]) / d.size
+    distance = sum_by_piece(d, running_integral(d.t, d.relative_speed + d.mean)[d.samples]) / d.size
     separation = np.abs(distance[:, None] - distance) / _CORRELATION_LENGTH
     return d._replace(
         gradient_covariance=d.gradient_sigma**2 * np.exp(-separation)
@@ -182,7 +169,8 @@ def join_designs(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:
     mean = float(np.average([d.mean for d in designs], weights=[len(d.samples) for d in designs]))
     rescaled = []
     for d in designs:
-        c = d.c * top / d.top * friction_share(vehicle, mean) / friction_share(vehicle, d.mean)
+        fade = float(fade_share(mean, vehicle) / fade_share(d.mean, vehicle))
+        c = d.c * top / d.top * fade
         K, faster = d.K * d.top / top, d.relative_speed + d.mean - mean
         rescaled.append(d._replace(K=K, relative_speed=faster, top=top, c=c, mean=mean))
     return rescaled
@@ -258,6 +246,11 @@ def sum_by_piece(d: Design, x: Floats) -> Floats:
     return total
 
 
+def mean_square(d: Design, x: Floats) -> Floats:
+    """Mean square over each piece, (p,)."""
+    return sum_by_piece(d, x**2) / d.size
+
+
 def repeat_by_piece(d: Design, x: Floats) -> Floats:
     """What each piece has, for each of its samples."""
     return x.repeat(d.size.astype(int), axis=-1)
@@ -270,23 +263,6 @@ def without_bend(d: Design, x: Floats) -> Floats:
         return x
     unbent: Floats = x - repeat_by_piece(d, sum_by_piece(d, x * d.bend)) * d.bend
     return unbent
-
-
-def _bend(d: Design) -> Floats:
-    """`Design.bend`, (m,)."""
-    # Times are even: a straight line leaves t² without its mean.
-    bent = d.time**2 - repeat_by_piece(d, sum_by_piece(d, d.time**2) / d.size)
-    lengths = np.sqrt(np.maximum(sum_by_piece(d, bent**2), 1e-30))
-    is_bent = (d.size >= _FEWEST_BENT) & d.has_quadratic
-    return bent * repeat_by_piece(d, np.where(is_bent, 1.0 / lengths, 0.0))
-
-
-def integral(d: Design, k: Floats) -> Floats:
-    """∫ k dt, (n,) [s]."""
-    step = float(d.t[1] - d.t[0])
-    area = np.zeros(len(k))
-    ((k[1:] + k[:-1]) * (0.5 * step)).cumsum(out=area[1:])
-    return area
 
 
 def without_slope(d: Design, x: Floats) -> Floats:

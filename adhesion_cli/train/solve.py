@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.model import Floats, Parameter
 from ..core.physics import G
+from ..core.signals import running_integral
 from .explanation import Design
 from .longitudinal import (
     DELAY,
@@ -22,7 +23,7 @@ from .longitudinal import (
     SHARED,
     STIFFNESS,
 )
-from .pieces import integral, repeat_by_piece, sum_by_piece, without_bend
+from .pieces import mean_square, repeat_by_piece, sum_by_piece, without_bend
 
 _LARGEST_OFFSET = 0.9  # the largest offset looked for, of the highest K
 _LARGEST_FACTOR = 30.0  # and the largest factor
@@ -61,7 +62,7 @@ def speed_loss(d: Design, x: Floats) -> Floats:
     """What the brake takes from the speed, but for the factor s; (m,) [m/s]."""
     k = _braking_share(d, x)
     creep = d.creeps * d.speed * k[d.samples] / (G * math.exp(x[STIFFNESS]))
-    loss: Floats = d.c * (integral(d, k)[d.samples] + creep)
+    loss: Floats = d.c * (running_integral(d.t, k)[d.samples] + creep)
     return loss
 
 
@@ -137,17 +138,15 @@ def _problem(
     return _Problem(designs, sample_counts, mean, information)
 
 
-def _losses(p: _Problem, x: Floats) -> list[Floats]:
-    """`unbent_loss` of each design."""
-    return [unbent_loss(d, x) for d in p.designs]
+def _cost(p: _Problem, x: Floats, losses: Sequence[Floats | None]) -> float:
+    """−2 log of the posterior, every piece's own variance taken as is likeliest.
 
-
-def _cost(p: _Problem, x: Floats, losses: Sequence[Floats]) -> float:
-    """−2 log of the posterior, every piece's own variance taken as is likeliest."""
+    `losses` are the `unbent_loss` of each design, where known.
+    """
     deviation = x - p.mean
     cost = float(deviation @ p.information @ deviation)
     for (d, sample_count, slopes), loss in zip(p.parts(x), losses, strict=True):
-        squares = sum_by_piece(d, residual(d, x, slopes, loss) ** 2) / d.size + d.floor**2
+        squares = mean_square(d, residual(d, x, slopes, loss)) + d.floor**2
         cost += float(sample_count @ np.log(squares))
     return cost
 
@@ -212,7 +211,7 @@ def search(
         C = A / np.outer(d, d) + _SINGULAR * np.eye(len(d))
         change = np.linalg.solve(C, b / d) / d
         trials = [np.clip(best - share * change, -limits, limits) for share in _STEP_SHARES]
-        costs = tuple(_cost(p, x, _losses(p, x)) for x in trials)
+        costs = tuple(_cost(p, x, [None] * len(designs)) for x in trials)
         gained = cost - min(costs)
         if gained > 0.0:
             best, cost = trials[int(np.argmin(costs))], min(costs)
@@ -234,7 +233,7 @@ def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterio
 
 def _start(p: _Problem, x: Floats) -> tuple[Floats, float]:
     """A point and its cost; gradients that it lacks are of least squares."""
-    losses = _losses(p, x)
+    losses = [unbent_loss(d, x) for d in p.designs]
     if len(x) < len(p.mean):
         blocks = [x[:SHARED]]
         for d, loss in zip(p.designs, losses, strict=True):

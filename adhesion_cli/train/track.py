@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Channel, Column, Floats, Log, Times, Track
-from ..core.physics import G
 
 _DIRECTION_WINDOW = 2.5e9  # before and after: where the train goes [ns]
 
@@ -25,10 +24,6 @@ class Gradient(NamedTuple):
     def at(self, t: Times) -> Floats:
         """The gradient at these times, (m,) [-]."""
         return np.interp(t, self.t, self.value)
-
-    def deceleration(self, t: Times) -> Floats:
-        """What it takes from the speed of a mass that does not rotate, at these times [m/s²]."""
-        return G * self.at(t)
 
 
 def find_gradient(log: Log, track: Track) -> Gradient | None:

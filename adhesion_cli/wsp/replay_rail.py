@@ -126,7 +126,7 @@ def _shortcomings(
         raise UserError(f"{text}; {fit.SHORTEST_FIT:g} s are needed", hint)
 
     def fitted(part: fit.Points) -> fit.RailFit | None:
-        return fit.fit(part, context.vehicle, radius.tolerance / radius.value, mu_error)
+        return fit.fit(part, context.vehicle, radius.share, mu_error)
 
     rail = fitted(points)
     if rail is None and max(x.duration for x in slides) >= _LONG_SLIDE:

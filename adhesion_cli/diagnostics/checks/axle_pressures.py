@@ -15,7 +15,7 @@ from ...core.finding import Finding, Severity
 from ...core.masks import true_runs
 from ...core.model import Bools, Floats, fraction
 from ...core.physics import CRAWL, RELEASED_SHARE
-from ...core.signals import finite_median
+from ...core.signals import finite_median, largest_nearby
 from ...core.units import alternative_units
 from ...train.grid import FEWEST, Grid, long_runs
 from ..registry import About
@@ -102,7 +102,7 @@ def _find_departure(
     level *= ratio if _RATIOS[0] < ratio < _RATIOS[1] else 1.0
     difference = x[i] - level
     steep = np.fmax(np.abs(g.slope(level)), np.abs(g.slope(x[i])))
-    allowed = _DEPARTURE * top + _FILLING_TIME * _nearby(steep, g.half_width)
+    allowed = _DEPARTURE * top + _FILLING_TIME * largest_nearby(steep, g.half_width)
     distance = np.abs(x[other_axles] - x[i])
     agrees = distance < allowed / 2.0
     # A vented cylinder has less than the brake gives, never more.
@@ -117,13 +117,6 @@ def _find_departure(
         mask = comparable & ~slid[i] & (level > 0.3 * top) & ~agrees.any(axis=0)
         mask = long_runs(mask, _SHORTEST_TIME, g)
     return _Departure(i, difference, mask, ratio, steady) if mask.any() else None
-
-
-def _nearby(x: Floats, j: int) -> Floats:
-    """Largest value within j samples, (n,)."""
-    padded = np.pad(np.nan_to_num(x), j)
-    largest: Floats = np.lib.stride_tricks.sliding_window_view(padded, 2 * j + 1).max(axis=-1)
-    return largest
 
 
 def _ratio(x: Floats, level: Floats, selected: Bools) -> float:

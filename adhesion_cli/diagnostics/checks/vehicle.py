@@ -83,7 +83,7 @@ def remedy_names(vehicle: Vehicle, factor: float) -> dict[str, str]:
     all. A mass is proposed within its stated tolerance only.
     """
     friction, mass = factor * vehicle.friction.value, vehicle.axle_mass.value / factor
-    share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    share = vehicle.axle_mass.share
     count, check = "", "Check lever ratio, friction, cylinder and axle mass of the vehicle."
     if abs(abs(math.log(factor)) - math.log(2.0)) < math.log(_NEARLY):
         count = f"{'twice' if factor > 1.0 else 'half'} the pads, discs or cylinders"

@@ -73,9 +73,9 @@ def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> floa
         return 1.0
     scale = float(np.median(reference[selected] / g.rim[i][selected]))
     residual = float(np.median(np.abs(reference[selected] - scale * g.rim[i][selected])))
-    R = s.vehicle.radius(s.axles[i].record.axle)
+    radius = s.vehicle.radius(s.axles[i].record.axle)
     worn = 0.0 if g.train is not None else 1.0 / (len(g.rim) - 1)  # the others are, too
-    allowed = max(p.sigmas * R.tolerance / R.value * math.sqrt(1.0 + worn), 0.005)
+    allowed = max(p.sigmas * radius.share * math.sqrt(1.0 + worn), 0.005)
     differs = abs(scale - 1.0)
     if residual > floor or differs < allowed:
         return 1.0
