@@ -206,15 +206,6 @@ def _slip(setup: Setup, x: Floats, i: int) -> float:
     return float(1.0 - rolling + setup.p.clock[i] * x[_DELAY])
 
 
-def _errors(setup: Setup, x: Floats, noise: Floats, errors: Floats) -> None:
-    """Fills the errors of the points, in sigma, shape (n,)."""
-    n = len(setup.p.slip)
-    mean, variance = np.empty(n), np.empty(n)
-    _mean_mu(setup, x, mean, variance)
-    for i in range(n):
-        errors[i] = (setup.p.mu[i] - mean[i]) / noise[i]
-
-
 def _slopes(setup: Setup, x: Floats, scale: Floats, slopes: Floats) -> None:
     """Fills the derivatives of the mean by each unknown, times `scale`; shape (unknowns, n)."""
     p, rail = setup.p, _rail(x)
@@ -254,9 +245,8 @@ def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, peaks: Floats
         for j in range(len(speed)):
             log_peak, highest, step = log_start, 0.0, log_range / _GRID_STEPS
             for k in range(_GRID_STEPS + 1):
-                mu = _adhesion(
-                    math.exp(log_start + k * step), speed[j], rail, rails[i], patch, bend
-                )
+                slip = math.exp(log_start + k * step)
+                mu = _adhesion(slip, speed[j], rail, rails[i], patch, bend)
                 if mu > highest:
                     log_peak, highest = log_start + k * step, mu
             for _ in range(_HALVINGS):
@@ -275,11 +265,11 @@ def _find_peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats) -> Float
     return peaks
 
 
-def curve(rail: Condition, speed: float, slip: Floats, vehicle: Vehicle) -> Floats:
-    """μ at a train speed [m/s] and each slip, shape of `slip`."""
+def curve(rail: Condition, speed: Floats | float, slip: Floats, vehicle: Vehicle) -> Floats:
+    """μ at each slip and a train speed [m/s], one for all or one for each, shape of `slip`."""
     patch = Contact().patch(vehicle.axle_mass.value * G)
-    mu = [creep_force(s * speed, speed, rail, patch)[0] / patch.load for s in slip.tolist()]
-    return np.array(mu)
+    places = zip(slip.tolist(), np.broadcast_to(speed, slip.shape).tolist(), strict=True)
+    return np.array([creep_force(s * v, v, rail, patch)[0] / patch.load for s, v in places])
 
 
 def _is_clear(points: Points) -> Bools:
@@ -325,9 +315,8 @@ def fit(
     best, sigma = optimum
     random = np.random.default_rng(0)
     scales = np.exp(mu_error * random.standard_normal(draws))
-    weighted = search._replace(
-        weight=1.0 / math.sqrt(max(_correlated_points(p.t, best.residuals), setup.correlated))
-    )
+    correlated = max(_correlated_points(p.t, best.residuals), setup.correlated)
+    weighted = search._replace(weight=1.0 / math.sqrt(correlated))
     local_search = _LocalSearch(weighted, sigma, best.x)
     error_draws = np.random.default_rng(1).standard_normal((draws, points.common_errors.shape[1]))
     straight_draws = np.array([local_search.draw(random) for _ in range(draws)])
@@ -364,9 +353,7 @@ class _Draws(NamedTuple):
 
     straight: Floats  # curves (3), shape (draws, unknowns)
     curves: Floats  # among all curves, shape (draws, unknowns)
-    curves_with_errors: (
-        Floats  # the same curves for the errors `error_draws`, shape (draws, unknowns)
-    )
+    curves_with_errors: Floats  # the same for the errors `error_draws`, shape (draws, unknowns)
     scales: Floats  # true over computed μ, shape (draws,)
     error_draws: Floats  # errors of `Points.common_errors`, in sigma, shape (draws, errors)
 
@@ -393,10 +380,8 @@ def _summarise_draws(
     beyond_peak = slip_limit < highest
     # Friction falls as it does in the slides on curves (3) only; other curves need points before.
     is_bent = curves[:, _WEIGHTS:].any(axis=1)
-    lacks_points_before = (
-        is_bent.mean() > 0.5
-        and 100.0 * np.mean(is_bent & (peaks[:, 0, 0] < lowest)) > _PERCENTILES[0]
-    )
+    early_peaks = 100.0 * np.mean(is_bent & (peaks[:, 0, 0] < lowest))
+    lacks_points_before = is_bent.mean() > 0.5 and early_peaks > _PERCENTILES[0]
     shows_peak_mu = beyond_peak and _narrow(mu) and not lacks_points_before
     shares_used = _utilisation(
         points, rails_drawn, setup.radius, sigma, speeds, peaks_with_errors[:, 1:, 1]
@@ -426,14 +411,9 @@ def contradicts(rail_a: RailFit, rail_b: RailFit, vehicle: Vehicle) -> bool:
     sliding = sliding[:: max(1, len(sliding) // _COMPARED)]
     if not len(sliding):
         return False
-    patch = Contact().patch(vehicle.axle_mass.value * G)
     measured, ratios = float(np.mean(p.mu[sliding])), []
     for rail, scale in zip(rail_a.draws[:_COMPARED], rail_a.scales, strict=False):
-        forces = [
-            creep_force(p.slip[i] * p.speed[i], p.speed[i], rail, patch)[0]
-            for i in sliding.tolist()
-        ]
-        expected = float(np.mean(forces)) / patch.load / scale
+        expected = float(np.mean(curve(rail, p.speed[sliding], p.slip[sliding], vehicle))) / scale
         ratios.append(math.log(max(measured, 1e-6) / max(expected, 1e-6)))
     lower, upper = np.percentile(ratios, _PERCENTILES)
     return bool(lower > _CLEAR_STEP[0] or upper < -_CLEAR_STEP[0])
@@ -493,9 +473,8 @@ class _FitSearch(NamedTuple):
         x, errors = local_search.solve(self.prior_mean, 0.0)
         slopes = local_search.slopes(x).T
         volume = float(np.linalg.slogdet(slopes.T @ slopes)[1])
-        log_sigmas = float(
-            np.log(self.prior_sigma).sum() + self.weight**2 * np.log(local_search.noise).sum()
-        )
+        log_sigmas = float(np.log(self.prior_sigma).sum())
+        log_sigmas += float(self.weight**2 * np.log(local_search.noise).sum())
         likely = -0.5 * float(np.dot(errors, errors)) - 0.5 * volume - log_sigmas
         clipped = np.clip(x, *_UNKNOWN_RANGE)
         return _Optimum(clipped, local_search.residuals(x), likely, errors, slopes)
@@ -510,21 +489,24 @@ class _LocalSearch:
 
     def __init__(self, search: _FitSearch, sigma: float, start: Floats) -> None:
         self._search, self._start = search, start
-        self._errors, self._slopes = compiled.function(_errors), compiled.function(_slopes)
-        setup, n = search.setup, len(search.setup.p.t)
-        mean, variance = np.empty(n), np.empty(n)
-        compiled.function(_mean_mu)(setup, np.clip(start, *_UNKNOWN_RANGE), mean, variance)
-        self.noise: Floats = np.sqrt(sigma * sigma + setup.p.swing**2 + variance)
-        self._first_residual = (setup.p.mu - mean) / self.noise
+        self._mean_mu, self._slopes = compiled.function(_mean_mu), compiled.function(_slopes)
+        mean, variance = self._mean_and_variance(start)
+        self.noise: Floats = np.sqrt(sigma * sigma + search.setup.p.swing**2 + variance)
+        self._first_residual = (search.setup.p.mu - mean) / self.noise
         self._first_slopes = self._computed(start)
+
+    def _mean_and_variance(self, x: Floats) -> tuple[Floats, Floats]:
+        """Of μ at each point, (n,) each."""
+        mean, variance = np.empty((2, len(self._search.setup.p.t)))
+        self._mean_mu(self._search.setup, np.clip(x, *_UNKNOWN_RANGE), mean, variance)
+        return mean, variance
 
     def residuals(self, x: Floats) -> Floats:
         """Errors of the points, in sigma, shape (n,)."""
         if np.array_equal(x, self._start):
             return self._first_residual
-        errors = np.empty(len(self.noise))
-        self._errors(self._search.setup, x.clip(*_UNKNOWN_RANGE), self.noise, errors)
-        return errors
+        residuals: Floats = (self._search.setup.p.mu - self._mean_and_variance(x)[0]) / self.noise
+        return residuals
 
     def slopes(self, x: Floats) -> Floats:
         """Derivatives of the weighted residuals, and of the prior's; (unknowns, n + unknowns)."""
@@ -567,9 +549,8 @@ class _LocalSearch:
         """The unknowns of the best curve for other errors, as likely as the residuals."""
         setup, prior_mean, prior_sigma, _ = self._search
         prior_mean = prior_mean + prior_sigma * random.standard_normal(len(prior_mean))
-        return np.clip(
-            self.solve(prior_mean, random.standard_normal(len(setup.p.t)))[0], *_UNKNOWN_RANGE
-        )
+        x, _ = self.solve(prior_mean, random.standard_normal(len(setup.p.t)))
+        return np.clip(x, *_UNKNOWN_RANGE)
 
     def shifts(self, error_draws: Floats) -> Floats:
         """By how much errors of μ move the unknowns, to first order; shape (draws, unknowns).
@@ -655,10 +636,8 @@ def _has_step(t: Floats, f: _Optimum, weight: float) -> bool:
     k = int(np.argmax(projections**2 / step_norms))
     step = float(projections[k] / step_norms[k])
     correlated = _correlated_points(t, f.residuals - step / weight * steps[:n, k])
-    return (
-        abs(step) > smallest_step
-        and step**2 * float(step_norms[k]) > sigma**2 * weight**2 * correlated
-    )
+    is_clear = step**2 * float(step_norms[k]) > sigma**2 * weight**2 * correlated
+    return abs(step) > smallest_step and is_clear
 
 
 def _correlated_points(t: Floats, residuals: Floats) -> float:

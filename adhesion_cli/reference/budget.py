@@ -83,12 +83,8 @@ def mean_budget(
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
             unit = {ZERO: "Pa", CREEPAGE: "-"}.get(name) or quantities(Vehicle)[name].unit
-            sensitivity = contribution / q.tolerance
-            rows.append(
-                Contribution(
-                    name, q.value, unit, "B", q.tolerance, sensitivity, abs(contribution), share
-                )
-            )
+            size = q.tolerance, contribution / q.tolerance, abs(contribution)
+            rows.append(Contribution(name, q.value, unit, "B", *size, share))
     rows.sort(key=lambda row: -row.share)
     u = math.sqrt(variance)
     n = freedom(noise, u, samples)
@@ -100,8 +96,7 @@ def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
         return record.pressure_zero
     if name == CREEPAGE:
         return Parameter(1.0, record.creepage_doubt)
-    parameter: Parameter = getattr(vehicle, name)
-    return vehicle.radius(record.axle) if name == "wheel_radius" else parameter
+    return vehicle.radius(record.axle) if name == "wheel_radius" else getattr(vehicle, name)
 
 
 def _share(variance: float, total: float) -> float:

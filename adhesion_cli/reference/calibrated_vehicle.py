@@ -137,16 +137,12 @@ def evidence(
 def mean_brake(designs: Sequence[Design]) -> MeanBrake:
     """The mean brake of joined designs."""
     braked = [np.maximum(d.K[d.samples], 0.0) > RELEASED_SHARE for d in designs]
-    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, braked, strict=True)])
-    faster = np.concatenate(
-        [d.relative_speed[d.samples][x] for d, x in zip(designs, braked, strict=True)]
-    )
+    pairs = list(zip(designs, braked, strict=True))
+    K = np.concatenate([d.K[d.samples][x] for d, x in pairs])
+    faster = np.concatenate([d.relative_speed[d.samples][x] for d, x in pairs])
+    means = (float(K.mean()), float(faster.mean())) if len(K) else (1.0, 0.0)
     by_wheels = any(d.creeps for d in designs)
-    if not len(K):
-        return MeanBrake(designs[0].top, 1.0, designs[0].mean, 0.0, by_wheels)
-    return MeanBrake(
-        designs[0].top, float(K.mean()), designs[0].mean, float(faster.mean()), by_wheels
-    )
+    return MeanBrake(designs[0].top, means[0], designs[0].mean, means[1], by_wheels)
 
 
 def calibrate_vehicle(
@@ -166,9 +162,8 @@ def calibrate_vehicle(
         covariance[i, i] += sigma**2 * (1.0 + 1.0 / logs)
     posterior = posterior._replace(covariance=covariance)
     calibrated, rows, correlation = _vehicle(vehicle, brake_point, prior, posterior)
-    newtons, band = zip(
-        *(_band(v, vehicle, brake_point, record) for v in (vehicle, calibrated)), strict=True
-    )
+    bands = [_band(v, vehicle, brake_point, record) for v in (vehicle, calibrated)]
+    newtons, band = zip(*bands, strict=True)
     return Calibrated(calibrated, rows, correlation, newtons, band)
 
 
@@ -332,7 +327,6 @@ def _band(
     K *= 1.0 + v.friction_fade.value * speed_difference
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
-    contributions = force.contributions(
-        record, v, *(np.array([x]) for x in (K, dw, brake_point.speed + brake_point.faster))
-    )
+    columns = (np.array([x]) for x in (K, dw, brake_point.speed + brake_point.faster))
+    contributions = force.contributions(record, v, *columns)
     return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..core import innovations
-from ..core.errors import unknown
 from ..core.masks import true_runs
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
@@ -68,26 +67,14 @@ class RunEstimate(NamedTuple):
     pad_lag: float = 0.0  # by which the pads lag the pressure, as the slides show it [s]
 
 
-class ReferenceMethod(NamedTuple):
-    """A way to compute the reference."""
-
-    source: str
-    # Takes the runs, the run-out in the wheel speed of each, and the wheelset's constants.
-    estimate: Callable[[list[AxleRecord], list[Floats], Wheelset], list[RunEstimate]]
-
-
 def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> Reference:
     """Reference adhesion force over all segments, each on its own.
 
     They are NaN in a segment of too few samples, where the wheel stands, and where a motor drives
     it. The run-out of a tone ring is removed first. If the pressure is delayed, sigma contains the
     error of K. The record is `faded`. The vehicle's values give F, its tolerances the band.
-
-    Raises:
-        UserError: the method is not known.
     """
-    if method not in METHODS:
-        raise unknown("reference", method, list(METHODS))
+    source, estimate_runs = METHODS[method]
     w = wheelset(vehicle, record.axle)
     slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
     runs = [record.extract(s) for s in slices]
@@ -95,7 +82,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     delay = record.pressure_late.value
     force, sigma, tolerance, mass = (np.full(len(record), np.nan) for _ in range(4))
     impulse, clamping = np.full((2, len(record)), np.inf)
-    estimates = METHODS[method].estimate(runs, [ripple for ripple, _ in ripples], w)
+    estimates = estimate_runs(runs, [ripple for ripple, _ in ripples], w)
     for s, estimate in zip(slices, estimates, strict=True):
         force[s] = w.phi * estimate.clamping_force + estimate.acceleration / w.a  # (1)
         sigma[s] = estimate.sigma
@@ -116,11 +103,9 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     squares = [estimate.squares for estimate in estimates if estimate.squares is not None]
     nis = innovations.mean(np.concatenate(squares)) if squares else None
     lag = max((estimate.pad_lag for estimate in estimates), default=0.0)
-    source, saturated = METHODS[method].source, record.saturated
+    columns = force, sigma, tolerance, record.saturated, largest, pulses, averaged
     extras = mass, nis, impulse, clamping, lag, w.phi * record.clamping_force
-    return Reference(
-        method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, *extras
-    )
+    return Reference(method, source, *columns, *extras)
 
 
 def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tuple[Floats, Floats]:
@@ -448,13 +433,9 @@ def _sparse(runs: list[AxleRecord]) -> bool:
 
     Then the error of straight lines between its samples looks like half an interval of the speed.
     """
-    measured, interpolated = (
-        sum(int(np.count_nonzero(np.diff(column))) for column in columns)
-        for columns in zip(
-            *((r.clamping_force, r.clamping_force_smooth) for r in runs), strict=True
-        )
-    )
-    return measured < _RATE_SHARE * interpolated
+    measured = sum(np.count_nonzero(np.diff(r.clamping_force)) for r in runs)
+    interpolated = sum(np.count_nonzero(np.diff(r.clamping_force_smooth)) for r in runs)
+    return bool(measured < _RATE_SHARE * interpolated)
 
 
 def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.UnbrokenRun:
@@ -504,10 +485,11 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
     return estimates
 
 
-METHODS: dict[str, ReferenceMethod] = {
-    "smoother": ReferenceMethod(
+# Source of each, and what takes the runs, the run-out in the wheel speed of each, and the wheelset.
+METHODS: dict[str, tuple[str, Callable[..., list[RunEstimate]]]] = {
+    "smoother": (
         "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
         _smoother,
     ),
-    "butterworth": ReferenceMethod("Wu, Peng, Li, section 4", _butterworth),
+    "butterworth": ("Wu, Peng, Li, section 4", _butterworth),
 }

@@ -75,7 +75,7 @@ def probability_of_means(
     instant_likelihood = smoother.likelihood(instant_sample, regimes, noise)
     if smoother.likelihood(mean_sample, regimes, noise) < instant_likelihood - _CLEAR_NATS:
         return 0.0, noise
-    noise = _fit(mean_sample, regimes, prior, SLACK, noise)
+    noise = fit_again(mean_sample, regimes, prior, SLACK, noise)
     gain = smoother.likelihood(mean_sample, regimes, noise) - instant_likelihood
     return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
 
@@ -135,24 +135,17 @@ def fit_again(
     regimes: smoother.Regimes,
     prior: smoother.MeasurementNoise,
     slack: tuple[float, ...],
-    noise: smoother.MeasurementNoise,
-) -> smoother.MeasurementNoise:
-    """Noise levels of runs that changed a little since `noise` was fitted."""
-    return _fit(take_samples(runs), regimes, prior, slack, noise)
-
-
-def _fit(
-    runs: list[smoother.UnbrokenRun],
-    regimes: smoother.Regimes,
-    prior: smoother.MeasurementNoise,
-    slack: tuple[float, ...],
     start_noise: smoother.MeasurementNoise,
 ) -> smoother.MeasurementNoise:
-    """Noise levels of these regimes, without leaps: a fit takes a leap for noise."""
+    """Noise levels of runs that changed a little since `start_noise` was fitted.
+
+    The fit is without leaps: it would take a leap for noise.
+    """
     count = min(len(regimes.start), _FITTED)
     fitted = switching_regimes(_FOLLOW[:count], regimes.spread)
     start_noise = start_noise._replace(rough=start_noise.rough[:count])
-    noise, _ = smoother.fit(runs, fitted, _prior(count, prior, slack), start_noise)
+    sample, levels = take_samples(runs), _prior(count, prior, slack)
+    noise, _ = smoother.fit(sample, fitted, levels, start_noise)
     return noise._replace(rough=np.append(noise.rough, prior.rough[count : len(regimes.start)]))
 
 

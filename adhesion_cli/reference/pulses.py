@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..core.model import AxleRecord, Floats
-from ..core.signals import bends
+from ..core.signals import bends, running_integral
 from . import smoother
 from .noise_fit import seconds_of
 
@@ -78,7 +78,7 @@ def pulse_means(
     stop = t + interval / 2.0 if run.of_totals else t
     start = np.maximum(np.concatenate([stop[:1], stop[:-1]]), stop - 1.5 * interval)
     start[0] = stop[0] - interval
-    gained = [np.interp(x, t, _integral(t, rolling.u)) for x in (start, stop)]
+    gained = [np.interp(x, t, running_integral(t, rolling.u)) for x in (start, stop)]
     y = np.mean((run.wheel_speed - ripple - np.mean(gained, axis=0))[:n].reshape(-1, m), axis=1)
     start, stop = start[:n:m], stop[m - 1 : n : m]
     middle = (start + stop) / 2.0
@@ -88,12 +88,6 @@ def pulse_means(
     return smoother.UnbrokenRun(
         middle, y, np.zeros(len(y)), s, input_variance, own_variance, stop - start
     )
-
-
-def _integral(t: Floats, u: Floats) -> Floats:
-    """∫u from the first sample on, shape (n,)."""
-    mean = (u + np.concatenate([u[:1], u[:-1]])) / 2.0
-    return np.cumsum(np.diff(t, prepend=t[0]) * mean)
 
 
 def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -151,7 +145,7 @@ def informative_samples(run: smoother.UnbrokenRun, mean: bool = False) -> smooth
         return run
     h = np.diff(t, prepend=t[0] - np.median(np.diff(t))) * mean
     start = t - np.minimum(h, 1.5 * np.median(h))
-    gained = np.mean([np.interp(x, t, _integral(t, run.u)) for x in (start, t)], axis=0)
+    gained = np.mean([np.interp(x, t, running_integral(t, run.u)) for x in (start, t)], axis=0)
     middle = (start + t) / 2.0
     input_variance = np.interp(middle, t, np.cumsum(run.input_variance))[informative]
     return smoother.UnbrokenRun(

@@ -136,12 +136,8 @@ def find_brake_line(
     of_rotating = float(np.mean(by_rotating)) * rotating.tolerance / (line.slope * line.brake)
     of_motors = float(np.mean(motor_sigma[braked])) / (line.slope * line.brake)
     lowest_x = -largest_nearby(-mean_x, 2 * grid.half_width)  # within a second
-    slows_less = _slows_less(
-        grid,
-        np.min(friction, axis=0) * (lowest_x - line.zero),
-        rim_slowing - coasting - motors,
-        line,
-    )
+    least_acting = np.min(friction, axis=0) * (lowest_x - line.zero)
+    slows_less = _slows_less(grid, least_acting, rim_slowing - coasting - motors, line)
     slows_less &= applied  # for long; wheels that slide together recover in between
     recovers_not = np.min(rim_slowing[slows_less], initial=np.inf) > GRADIENT / 2.0
     return line._replace(

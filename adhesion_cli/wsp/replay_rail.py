@@ -26,7 +26,7 @@ from ..core.model import AxleResult, Bools, Floats, Times, Vehicle
 from ..core.physics import JUDGED_FROM
 from ..core.signals import means_around
 from ..rail import fit, rail_under_slides, sliding
-from ..rail.creep_law import Condition, Contact, creep_force
+from ..rail.creep_law import Condition
 from ..rail.events import Slide
 
 _BETTER = 1.3  # least μ after the largest slip, over that before, if the rail is a better one
@@ -101,11 +101,8 @@ def _course(axle: AxleResult, vehicle: Vehicle, slides: Sequence[Slide]) -> Slid
 
 def levels(course: SlidCourse, rail: Condition, vehicle: Vehicle) -> Floats:
     """μ used over that of the rail at the same slip and speed, each a mean in time; shape (n,)."""
-    patch = Contact().patch(vehicle.axle_mass.value * physics.G)
-    places = zip(course.slip.tolist(), course.speed.tolist(), strict=True)
-    mu = [creep_force(s * v, v, rail, patch)[0] / patch.load for s, v in places]
-    t = (course.t - course.t[0]) * 1e-9
-    return means_around(t, course.mu, _LEVEL_TIME) / means_around(t, np.array(mu), _LEVEL_TIME)
+    mu, t = fit.curve(rail, course.speed, course.slip, vehicle), (course.t - course.t[0]) * 1e-9
+    return means_around(t, course.mu, _LEVEL_TIME) / means_around(t, mu, _LEVEL_TIME)
 
 
 def _shortcomings(

@@ -15,6 +15,7 @@ import numpy as np
 from ..core import physics
 from ..core.errors import UserError
 from ..core.model import Channel, Column, Floats, Log, Times
+from ..core.signals import running_integral
 from ..core.units import UNITS
 from ..rail.creep_law import CREEP_FROM
 from . import plant as plants
@@ -269,8 +270,7 @@ def _pulses(
     sample_times: Floats, speed: Floats, dense: Floats, sensor: Sensor, random: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Times and readings of a counter: total, or speed [rad/s] from the last interval's pulses."""
-    steps = (speed[1:] + speed[:-1]) / 2.0 * np.diff(dense)
-    angle = np.interp(sample_times, dense, np.concatenate(([0.0], np.cumsum(steps))))
+    angle = np.interp(sample_times, dense, running_integral(dense, speed))
     count = np.floor((angle / (2.0 * math.pi)) * sensor.teeth + random.random())
     if sensor.unit == "count":
         return sample_times, count
