@@ -20,7 +20,7 @@ from .axle import analyze_axle, without_force
 from .identify import find_log_brake, identify, with_force_of_log
 from .loads import states_load
 from .prepare import Window, align_log
-from .request import choose_estimators, load_vehicle, open_log, read_log
+from .request import choose_estimators, load_vehicle, read_log
 from .settings import Settings
 from .vehicle_findings import diagnose_with, state_diameters, without_force_findings
 
@@ -52,8 +52,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     """
     choose_estimators(algos)  # a wrong name is an error before a long log is read
     progress(f"reading {path.name}")
-    settings, source = open_log(path, settings)
-    log = read_log(source, settings)
+    settings, log = read_log(path, settings)
     return analyze_log(log, settings, algos, axles, window, progress, train_speed, identified)
 
 

@@ -11,7 +11,7 @@ from ..core.model import IdentifiedVehicle, Log, Result
 from ..core.summary import ResultSummary
 from ..records.faults import Window
 from .analyze import analyze_log
-from .request import choose_estimators, open_log, read_log
+from .request import choose_estimators, read_log
 from .settings import Settings
 from .stops_of_log import stops_of_log
 from .summarise import summarise, summarise_stops
@@ -47,8 +47,7 @@ def evaluate(  # noqa: PLR0913 (as of `analyze`)
         UserError: where the log cannot be read, or has neither.
     """
     choose_estimators(algos)  # a wrong name is an error before a long log is read
-    settings, source = open_log(path, settings)
-    log = read_log(source, settings)
+    settings, log = read_log(path, settings)
     try:
         result = analyze_log(
             log, settings, algos, axles, window, train_speed=train_speed, identified=identified

@@ -49,7 +49,6 @@ from ..train.mean_axle import brake_shares, mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
 from .prepare import AlignedLog
 from .settings import Settings
-from .unknown_wheel import with_any_wheel
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
@@ -62,6 +61,7 @@ _LEAST_FORCE, _MOST_FORCE = 5e-8, 2e-5
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
 _LARGEST_SHARE = 10.0  # 1 sigma of a force that the log contradicts: a unit is wrong, not a value
 _ALIKE = 0.01  # share by which axles differ that are shown as one car
+ANY_WHEEL = 0.12  # 1 sigma of the radius, as a share: 95 % of diameters are 0.64 to 1.04 m
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
 
 
@@ -522,3 +522,22 @@ def _by_line(
     return calibrated_vehicle.calibrate_vehicle(
         vehicle, record, brake_point, prior, posterior, 1
     ).vehicle
+
+
+def is_wheel_unknown(log: AlignedLog, settings: Settings) -> bool:
+    """Whether speeds count turns of wheels that nobody states, and no train speed shows them."""
+    states_wheel = "wheel_radius" in settings.stated or settings.analysis.vehicle == "stated"
+    return not states_wheel and any(not a.record.of_rim and a.train is None for a in log.axles)
+
+
+def with_any_wheel(logs: Sequence[AlignedLog], settings: Settings) -> Settings:
+    """The settings; with wheels of any railway vehicle where a log does not show the diameter."""
+    if not any(is_wheel_unknown(log, settings) for log in logs):
+        return settings
+    axles = tuple(x._replace(vehicle=_any_wheel(x.vehicle)) for x in settings.vehicle.axles)
+    return replace(settings, vehicle=replace(_any_wheel(settings.vehicle), axles=axles))
+
+
+def _any_wheel(vehicle: Vehicle) -> Vehicle:
+    radii = (Parameter(R.value, ANY_WHEEL * R.value) for R in vehicle.wheel_radius)
+    return replace(vehicle, wheel_radius=tuple(radii))

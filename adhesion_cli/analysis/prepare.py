@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Log, Track, Train, Vehicle
-from ..diagnostics.diagnosis import Checks, diagnose, sensor_thresholds
+from ..diagnostics.registry import Checks, diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
 from ..records.axle_channels import AxleChannels
 from ..records.choose import choose, no_records_error

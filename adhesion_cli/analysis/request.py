@@ -66,8 +66,10 @@ def check_request(settings: Settings, algos: Sequence[str], window: Window) -> S
     return check_settings(settings)
 
 
-def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source]:
-    """A log, and the settings of its analysis: over those that a result file carries.
+def read_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Log]:
+    """A log with its channels' meanings, and the settings of its analysis.
+
+    They are over those that a result file carries.
 
     Raises:
         UserError: where it cannot be read, and for wrong settings.
@@ -75,15 +77,11 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
     source = open_source(path, settings.read)
     if carried := _carried(path, source):
         settings = settings.over(settings_module.nested(carried))
-    settings = replace(settings, track=track_of_log(settings.track, source.path.name))
-    return check_settings(settings), source
-
-
-def read_log(source: Source, settings: Settings) -> Log:
-    """The log of a source with its channels' meanings."""
-    max_gap_ns = round(settings.analysis.max_gap * 1e9)
-    meanings = further_meanings(settings)
-    return read(source, settings.mappings, settings.vehicle, max_gap_ns, meanings)
+    settings = check_settings(
+        replace(settings, track=track_of_log(settings.track, source.path.name))
+    )
+    max_gap_ns, meanings = round(settings.analysis.max_gap * 1e9), further_meanings(settings)
+    return settings, read(source, settings.mappings, settings.vehicle, max_gap_ns, meanings)
 
 
 def further_meanings(settings: Settings) -> tuple[Meaning, ...]:

@@ -8,14 +8,23 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.masks import spans_of_mask
-from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
+from ..core.model import (
+    Z95,
+    AxleResult,
+    IdentifiedVehicle,
+    Log,
+    Result,
+    SpeedEffect,
+    Vehicle,
+    quantities,
+)
+from ..core.physics import friction_change
 from ..core.units import UNITS
-from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
 from ..results.friction_groups import find_friction_differs, group_by_friction, run_of_log
+from .identify import ANY_WHEEL, is_wheel_unknown
 from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
-from .unknown_wheel import ANY_WHEEL, is_wheel_unknown
 
 _CALIBRATED = "wheel-calibrated"
 _FEW_DEFAULTS = 3  # defaults that the line of a finding names
@@ -71,7 +80,8 @@ def find_vehicle_findings(
     if not identified.known:
         return findings
     effect = None if identified.other_brake else identified.speed_effects.get(log.path)
-    findings += friction_over_speed.check(settings.vehicle, effect)
+    if effect and friction_change(effect, settings.vehicle):
+        findings.append(_friction_over_speed(settings.vehicle, effect))
     if mass := identified.motor_mass:
         values = {"mass_t": mass.value / 1e3, "u95_t": Z95 * mass.tolerance / 1e3}
         findings.append(Finding("mass-by-motors", "info", values=values))
@@ -102,6 +112,18 @@ def diagnose_with(
         vehicle_findings = [*causes, *vehicle_findings]
         findings = [f for f in findings if f not in causes]
     return vehicle_findings, prepared._replace(findings=findings)
+
+
+def _friction_over_speed(stated: Vehicle, effect: SpeedEffect) -> Finding:
+    """That the brake slows harder at low than at high speed, at the same pressure.
+
+    Cast iron does, and so do some pads and blocks. What a stated friction table says is not in it.
+    """
+    speeds = {"low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}
+    states_change = stated.friction_table or stated.friction_fade.value
+    more = " after the stated friction is taken into account" if states_change else ""
+    values = {"factor": effect.ratio, **speeds}
+    return Finding("friction-over-speed", "warning", values=values, names={"more": more})
 
 
 def _find_missing_evidence(settings: Settings, log: AlignedLog) -> list[Finding]:

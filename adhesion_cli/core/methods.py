@@ -5,7 +5,7 @@ A method's name is its file's. The file holds
 - `Params` and `State`, NamedTuples. Every field of `Params` has a default and is annotated
   `Annotated[float, Quantity(unit, text, low, high)]`. The last field of `State` is the answer.
 - `init` and `step`, pure and plain Python on floats. They write `0.0`, never `0`: the type of a
-  state field does not change. They import shared functions by name (`from ._han import fal_gain`).
+  state field does not change. They import shared functions by name (`from ._noise import learn`).
 - `ABOUT`, with title and source.
 
 A file whose name starts with `_` holds shared functions, no method. The same `step` runs sample by

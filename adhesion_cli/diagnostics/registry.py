@@ -21,6 +21,8 @@ from ..core.finding import Finding
 from ..records.screen import Thresholds
 from .scene import Scene
 
+Checks = Mapping[str, Any]  # parameters of checks, by the check's name
+
 
 class About(NamedTuple):
     """What a check looks for, and which checks it comes after.
@@ -74,3 +76,24 @@ def tunable() -> Mapping[str, Check | Sensors]:
         module = importlib.import_module(file, __package__)
         sensor_checks[name] = Sensors(f"diagnostics.{name}", module.ABOUT, module.Params)
     return sensor_checks | dict(registry())
+
+
+def diagnose(scene: Scene, params: Checks | None = None) -> list[Finding]:
+    """Everything that cannot be true, or hardly; `params` are by the name of a check.
+
+    Nothing is changed: every finding names what to state so that the log is understood.
+    """
+    findings: list[Finding] = []
+    groups_that_warned: set[str] = set()
+    for name, check in registry().items():
+        if check.about.group not in groups_that_warned:
+            check_findings = list(check.check((params or {}).get(name, check.Params()), scene))
+            findings += check_findings
+            if any(f.severity != "info" for f in check_findings):
+                groups_that_warned.add(check.about.group)
+    return findings
+
+
+def sensor_thresholds(params: Checks | None) -> Thresholds:
+    """The parameters of the checks of single channels, of those of all checks."""
+    return Thresholds(**{k: p for k, p in (params or {}).items() if k in Thresholds._fields})

@@ -18,8 +18,7 @@ from typing import Annotated, NamedTuple
 
 from ..core.estimator import About, Claim
 from ..core.model import Quantity, Wheelset
-from . import PAPER
-from ._han import HAN, fal_gain
+from . import HAN, PAPER
 from ._linear_observer import (
     Gains,
     Inputs,
@@ -46,6 +45,11 @@ class Params(NamedTuple):
     alpha2: Annotated[float, Quantity("-", "exponent α2 of the error in d̂", 0.0, 1.0)] = 0.5
     delta: Annotated[float, Quantity("rad/s", "half-width δ of the linear zone", 1e-6, 10.0)] = 0.02
     euler: Annotated[float, Quantity("-", "1: forward Euler step, as printed", 0.0, 1.0)] = 0.0
+
+
+def fal_gain(x: float, alpha: float, delta: float) -> float:
+    """fal(x, α, δ)/x, the gain with which (10) feeds `x` back: finite and positive at every x."""
+    return math.pow(max(abs(x), delta), alpha - 1.0)  # (10)
 
 
 def gains_at(p: Params, e: float) -> Gains:

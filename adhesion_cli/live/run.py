@@ -10,7 +10,7 @@ from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Parameter, Vehicle
-from ..diagnostics.diagnosis import sensor_thresholds
+from ..diagnostics.registry import sensor_thresholds
 from ..formats.source import Source
 from ..train.brake_line import ANY_SHARE
 from ..train.motor_mass import MASS

@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis.identify import as_equal_axles, find_prior, of_all_axles
+from ..analysis.identify import as_equal_axles, find_prior, of_all_axles, with_any_wheel
 from ..analysis.prepare import AlignedLog, align_log, diagnose_log
-from ..analysis.request import load_vehicle, open_log, read_log
+from ..analysis.request import load_vehicle, read_log
 from ..analysis.settings import Settings, tree
-from ..analysis.unknown_wheel import with_any_wheel
 from ..core import toml
 from ..core.annotated import Json
 from ..core.document import findings_document, tagged
@@ -93,18 +92,16 @@ def calibrate(
     read_logs: list[tuple[Log, AlignedLog]] = []
     for path in paths:
         progress(f"reading {path.name}")
-        settings_of_log, source = open_log(path, settings)
+        settings_of_log, log = read_log(path, settings)
         if settings_of_log.analysis.vehicle != settings.analysis.vehicle:
             raise UserError(
                 f"{path.name}: a result, whose vehicle has the evidence of its log already",
                 "name the logs themselves: each counts once",
             )
-        log = read_log(source, settings_of_log)
         loaded, load_findings = load_vehicle(settings_of_log, log)
         log = replace(log, findings=(*load_findings, *log.findings))
-        aligned = align_log(
-            log, loaded.vehicle, checks=settings_of_log.checks, track=settings_of_log.track
-        )
+        checks, track = settings_of_log.checks, settings_of_log.track
+        aligned = align_log(log, loaded.vehicle, checks=checks, track=track)
         all_settings.append(settings_of_log)
         read_logs.append((replace(log, channels=()), aligned))
     _one_vehicle(all_settings)

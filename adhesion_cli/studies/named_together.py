@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.identify import brake_kinds, find_log_brake, identify, with_friction_error
 from ..analysis.prepare import AlignedLog, Window, align_log
-from ..analysis.request import load_vehicle, open_log, read_log
+from ..analysis.request import load_vehicle, read_log
 from ..analysis.settings import Settings
 from ..core.model import Z95, IdentifiedVehicle, LogBrake, Vehicle
 from ..core.physics import friction_change
@@ -38,14 +38,11 @@ def identify_together(
     logs: dict[int, AlignedLog] = {}
     for place, path in enumerate(paths if len(paths) > 1 else ()):
         try:
-            settings_of_log, source = open_log(path, settings)
+            settings_of_log, log = read_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":
-                log = read_log(source, settings_of_log)
                 loaded, _ = load_vehicle(settings, log)
-                aligned = align_log(
-                    log, loaded.vehicle, axles, window, settings.checks, settings_of_log.track
-                )
-                logs[place] = aligned
+                choices = axles, window, settings.checks, settings_of_log.track
+                logs[place] = align_log(log, loaded.vehicle, *choices)
         except Exception:  # its own analysis says what is wrong with a log
             continue
     if not logs or len(brake_kinds([*logs.values()])) > 1:

@@ -94,9 +94,9 @@ def answer(process):
 
 @pytest.fixture(scope="module")
 def filled(copy, tmp_path_factory):
-    """A cache that two processes filled at once with the loop of td, and what each of them gave."""
+    """A cache that two processes filled at once with the loop of leso, and what each of them gave."""
     cache = tmp_path_factory.mktemp("cache")
-    racing = [start(copy, BATCH, "td", XDG_CACHE_HOME=cache) for _ in range(2)]
+    racing = [start(copy, BATCH, "leso", XDG_CACHE_HOME=cache) for _ in range(2)]
     return cache, *map(answer, racing)
 
 
@@ -192,7 +192,7 @@ def test_processes_may_start_at_once_and_an_edited_helper_is_noticed(copy, fille
     """And nothing is compiled again while nothing changed."""
 
     def run():
-        return json.loads(answer(start(copy, BATCH, "td", XDG_CACHE_HOME=tmp_path)))
+        return json.loads(answer(start(copy, BATCH, "leso", XDG_CACHE_HOME=tmp_path)))
 
     cache, first, second = filled
     assert first == second
@@ -204,11 +204,11 @@ def test_processes_may_start_at_once_and_an_edited_helper_is_noticed(copy, fille
     assert run()[0] == batch
     assert machine_code(tmp_path) == kept
 
-    helper = copy / PACKAGE.name / "estimators" / "_han.py"
+    helper = copy / PACKAGE.name / "estimators" / "_linear_observer.py"
     text = helper.read_text(encoding="utf-8")
-    assert "a = a0 + y" in text
+    assert "sigma = 0.5 * beta1" in text
     try:
-        helper.write_text(text.replace("a = a0 + y", "a = a0 + 0.9 * y"), encoding="utf-8")
+        helper.write_text(text.replace("sigma = 0.5 * beta1", "sigma = 0.4 * beta1"), encoding="utf-8")
         edited, online = run()
     finally:
         helper.write_text(text, encoding="utf-8")
@@ -307,7 +307,7 @@ def test_a_damaged_cache_costs_time_and_no_run(
         whole = path.read_bytes()
         path.write_bytes(whole[: int(share * len(whole))])
     folders = [tmp_path / name for name in damages]
-    process = start(copy, TOLD + BATCH + AGAIN, "td", *folders, XDG_CACHE_HOME=folders[0])
+    process = start(copy, TOLD + BATCH + AGAIN, "leso", *folders, XDG_CACHE_HOME=folders[0])
     assert answer(process) == good
 
 
@@ -317,4 +317,4 @@ def test_a_cache_on_a_full_disk_is_done_without(
 ) -> None:
     full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     full += "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))\n"
-    assert answer(start(copy, full + BATCH, "td", XDG_CACHE_HOME=tmp_path)) == filled[1]
+    assert answer(start(copy, full + BATCH, "leso", XDG_CACHE_HOME=tmp_path)) == filled[1]

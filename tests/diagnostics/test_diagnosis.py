@@ -11,7 +11,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding, Severity
-from adhesion_cli.diagnostics import diagnosis, registry
+from adhesion_cli.diagnostics import registry
 from adhesion_cli.diagnostics.scene import Scene
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.train.explanation import AS_STATED
@@ -80,8 +80,8 @@ def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> 
         return registry.Check(str(rank), about, tuple, lambda *_: iter(one))
 
     checks = telling(1, "info"), telling(2, "warning"), telling(3, "error")
-    monkeypatch.setattr(diagnosis, "registry", lambda: {c.name: c for c in checks})
+    monkeypatch.setattr(registry, "registry", lambda: {c.name: c for c in checks})
     x = np.zeros((1, 9))
     grid = Grid(0, 1.0, x, x, x, None)
-    told = diagnosis.diagnose(Scene([], grid, DEFAULT.vehicle, 0, AS_STATED))
+    told = registry.diagnose(Scene([], grid, DEFAULT.vehicle, 0, AS_STATED))
     assert [f.code for f in told] == ["info", "warning"]

@@ -22,7 +22,7 @@ from adhesion_cli.core import compiled, estimator, methods
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Wheelset
 from adhesion_cli.core.physics import clamping_force
-from adhesion_cli.estimators._han import fhan
+from adhesion_cli.estimators.td import fhan
 from adhesion_cli.records import brake_applications
 from adhesion_cli.scores import metrics
 from adhesion_cli.wsp import scenario, simulate

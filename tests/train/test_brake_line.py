@@ -9,7 +9,7 @@ from helpers import simulated
 from helpers.vehicle_logs import blended_log, log
 
 from adhesion_cli.analysis.prepare import align_log
-from adhesion_cli.analysis.request import open_log, read_log
+from adhesion_cli.analysis.request import read_log
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.core.physics import force_line, wheelset
@@ -22,8 +22,8 @@ TRAIN = replace(
 
 
 def line_of(path: Path, rotating: Parameter = ROTATING) -> BrakeLine | None:
-    settings, source = open_log(path, Settings())
-    aligned = align_log(read_log(source, settings), settings.vehicle)
+    settings, log = read_log(path, Settings())
+    aligned = align_log(log, settings.vehicle)
     assert aligned.grids
     return find_brake_line(aligned.axles, aligned.grids.coarse, rotating)
 

@@ -10,7 +10,7 @@ from bokeh.plotting import figure
 from helpers.made_results import EPOCH
 from helpers.pages import analysed, written
 
-from adhesion_cli.analysis.request import open_log, read_log
+from adhesion_cli.analysis.request import read_log
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.core.model import Channel, Column, Meaning, Result
 from adhesion_cli.results.report.plots import Figures
@@ -63,8 +63,7 @@ def test_a_second_analysis_has_the_words_of_states(tmp_path: Path) -> None:
     path = written(
         tmp_path / "one.adhesion.mcap", with_states(analysed(axles=2, n=1500, rate=25.0))
     )
-    settings, source = open_log(path, Settings())
-    log = read_log(source, settings)
+    _, log = read_log(path, Settings())
     levels = {(c.meaning, c.axle): c.levels for c in log.channels if c.levels}
     assert levels == {
         ("vent_valve", 2): ("closed", "open"),
