@@ -41,17 +41,10 @@ def find_applications(
     by_slide = {x.start: place.rail for place in places for x in place.slides}
     radius = vehicle.radius(axle.record.axle).value
     locks = locks_of_axle(axle.record, radius, limits or LockLimits())
-    contributions = (
-        budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
-    )
-    return tuple(
-        threads.run_each(
-            lambda parts: _application(
-                context, parts, slides, locks, by_slide, contributions, start_ns, route, peak_time
-            ),
-            merged,
-        )
-    )
+    of_axle = axle.record, vehicle, axle.reference
+    contributions = budget.contributions_by_parameter(*of_axle) if merged else {}
+    about = slides, locks, by_slide, contributions, start_ns, route, peak_time
+    return tuple(threads.run_each(lambda parts: _application(context, parts, *about), merged))
 
 
 def _application(  # noqa: PLR0913 (all that a brake application is made of)
@@ -179,10 +172,10 @@ def _measured(
 
 def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:
     """Mean over time of the known samples, by the trapezoidal rule in each part."""
-    area = sum(
-        float(np.trapezoid(x[indices], 1e-9 * (t[indices] - t[indices[0]]))) for indices in pieces
-    )
-    return area / sum(1e-9 * float(t[indices[-1]] - t[indices[0]]) for indices in pieces)
+    seconds = [1e-9 * (t[indices] - t[indices[0]]) for indices in pieces]
+    columns = zip(pieces, seconds, strict=True)
+    area = sum(float(np.trapezoid(x[indices], since)) for indices, since in columns)
+    return area / sum(float(since[-1]) for since in seconds)
 
 
 def _coefficient(
@@ -193,9 +186,7 @@ def _coefficient(
     weight = vehicle.axle_mass.value * physics.G
     mean_u95 = budget.coefficient_u95(force.mean_u95, force.mean, vehicle, mean_mass)
     max_u95 = budget.coefficient_u95(force.max_u95, force.max, vehicle, highest_mass)
-    return MeanAndHighest(
-        force.mean / weight, mean_u95 / weight, force.max / weight, max_u95 / weight
-    )
+    return MeanAndHighest(*(x / weight for x in (force.mean, mean_u95, force.max, max_u95)))
 
 
 def _without_unknown(x: MeanAndHighest, weight: float) -> MeanAndHighest:

@@ -119,10 +119,8 @@ def creep_slopes(
 def conditions() -> dict[str, Condition]:
     """Every rail condition of `rails.toml` by name; sources and doubts stand in that file."""
     table = tomllib.loads((Path(__file__).parent / "rails.toml").read_text("utf-8"))
-    return {
-        name: Condition(**{key: float(row[key]) for key in Condition._fields})
-        for name, row in table.items()
-    }
+    fields = Condition._fields
+    return {name: Condition(*(float(row[key]) for key in fields)) for name, row in table.items()}
 
 
 def condition(name: str | Condition) -> Condition:

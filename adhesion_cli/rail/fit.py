@@ -67,10 +67,9 @@ _LARGEST_RESIDUAL = 0.15  # largest rms residual, over the largest μ
 _WIDEST_UTILISATION = 0.25  # widest interval of an adhesion utilisation that is reported
 _CLEAR_STEP = 0.1, 5.0  # least step of ln μ that is another rail, and its least number of sigma
 _SMALLEST_SIDE = 0.1  # least share of the points on each side of the step
-_EVALUATIONS = 50
+# relative changes, and the cosine of the angle between errors and slopes, at which a search ends
+_SEARCH_LIMITS = {"ftol": 1e-4, "xtol": 1e-4, "gtol": 1e-8, "maxfev": 50}
 _UNKNOWN_RANGE = -12.0, 3.0  # range of the unknowns, in which exponentials do not overflow
-_TOLERANCE = 1e-4  # relative change at which a search ends
-_GRADIENT_TOLERANCE = 1e-8  # cosine of the angle between errors and slopes at which it ends, too
 _SLIP_STEP = 1e-10  # step of slip, for the derivative of g
 DRAWS = 200
 _COMPARED = 40  # points, and draws, by which two rails are compared
@@ -383,9 +382,8 @@ def _summarise_draws(
     early_peaks = 100.0 * np.mean(is_bent & (peaks[:, 0, 0] < lowest))
     lacks_points_before = is_bent.mean() > 0.5 and early_peaks > _PERCENTILES[0]
     shows_peak_mu = beyond_peak and _narrow(mu) and not lacks_points_before
-    shares_used = _utilisation(
-        points, rails_drawn, setup.radius, sigma, speeds, peaks_with_errors[:, 1:, 1]
-    )
+    largest_mu = peaks_with_errors[:, 1:, 1]
+    shares_used = _utilisation(points, rails_drawn, setup.radius, sigma, speeds, largest_mu)
     utilisation = _interval(np.minimum(shares_used, 1.0))
     is_wide = utilisation.upper - utilisation.lower > _WIDEST_UTILISATION
     return RailFit(
@@ -532,17 +530,9 @@ class _LocalSearch:
             stacked[n:] = (x - prior_mean) / prior_sigma
             return stacked
 
-        x, _, info, *_ = leastsq(
-            all_residuals,
-            self._start,
-            Dfun=self.slopes,
-            full_output=True,
-            col_deriv=True,
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=_GRADIENT_TOLERANCE,
-            maxfev=_EVALUATIONS,
-        )
+        slopes = {"Dfun": self.slopes, "col_deriv": True}
+        options = {**slopes, **_SEARCH_LIMITS, "full_output": True}
+        x, _, info, *_ = leastsq(all_residuals, self._start, **options)
         return x, info["fvec"]
 
     def draw(self, random: np.random.Generator) -> Floats:

@@ -67,9 +67,8 @@ def highest_mean(
     higher, lower = (float(np.max(lower_limit + k * tolerance)) for k in (Z95, -Z95))
     by_tolerance = max(higher - top_low, top_low - lower)
     candidates = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
-    lowest, largest = (
-        _quantile(mean[candidates], sigma[candidates], share) for share in (0.025, 0.975)
-    )
+    windows_near = mean[candidates], sigma[candidates]
+    lowest, largest = (_quantile(*windows_near, share) for share in (0.025, 0.975))
     u95 = math.hypot(max(largest - highest, highest - lowest), by_tolerance)
     return HighestMean(highest, u95, float(mass[top]))
 
@@ -97,9 +96,8 @@ def _moving_mean(t: Floats, x: Floats, width: float) -> Floats:
     """Mean of x over `width` about each time, by the trapezoidal rule; less at the ends; (n,)."""
     area = running_integral(t, x)
     begins, ends_of_windows = np.maximum(t - width / 2.0, t[0]), np.minimum(t + width / 2.0, t[-1])
-    mean: Floats = (np.interp(ends_of_windows, t, area) - np.interp(begins, t, area)) / (
-        ends_of_windows - begins
-    )
+    gained = np.interp(ends_of_windows, t, area) - np.interp(begins, t, area)
+    mean: Floats = gained / (ends_of_windows - begins)
     return mean
 
 

@@ -77,7 +77,12 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     """Slides, shares, rail, peak and adhesion utilisation of an axle."""
     axle_slides, context = slides(axle), AxleContext(axle, vehicle)
     places = fit_places(context, axle_slides)
-    if any(_differ(a, b, vehicle) for a, b in combinations(places, 2)):
+    rails = [place.rail for place in places if place.rail]
+    # of two, none gives the adhesion of the other one, as far as its slides show it
+    if any(
+        fit.contradicts(a, b, vehicle) and fit.contradicts(b, a, vehicle)
+        for a, b in combinations(rails, 2)
+    ):
         rail, findings = None, [Finding("rail-changes", "info", channel=f"axle {axle.record.axle}")]
     else:
         rail, findings = fit_rail(context, axle_slides)
@@ -121,23 +126,12 @@ def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[App
 
     Each has fewer draws than the fit of all slides: it takes about half a second.
     """
-    groups = [
-        [x for x in axle_slides if pieces[0].start <= x.samples.start < pieces[-1].stop]
-        for pieces in braked_pieces(context.axle)
-    ]
+    spans = ((p[0].start, p[-1].stop) for p in braked_pieces(context.axle))
+    groups = [[x for x in axle_slides if a <= x.samples.start < b] for a, b in spans]
     return threads.run_each(
         lambda group: ApplicationSlides(group, *fit_rail(context, group, _FEW_DRAWS)),
         [group for group in groups if group],
     )
-
-
-def _differ(a: ApplicationSlides, b: ApplicationSlides, vehicle: Vehicle) -> bool:
-    """Whether neither rail, as far as its slides show it, gives the adhesion of the other one."""
-    rail_a, rail_b = a.rail, b.rail
-    if rail_a is None or rail_b is None:
-        return False
-    both = (rail_a, rail_b), (rail_b, rail_a)
-    return all(fit.contradicts(*pair, vehicle) for pair in both)
 
 
 class AxleContext:
@@ -285,10 +279,8 @@ def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Poin
     common = 0.0 if ref.mass is None else ref.mass[indices] / force  # error of force and mass
     share = ref.tolerance[indices] / force
     scale = share**2 - 2.0 * common
-    variance = (float(np.median(scale)) if len(indices) else 0.0) + (
-        mass.tolerance / mass.value
-    ) ** 2
-    error = math.sqrt(max(variance, 0.0))
+    variance = float(np.median(scale)) if len(indices) else 0.0
+    error = math.sqrt(max(variance + mass.share**2, 0.0))
     t = (record.t[indices] - record.t[0]) * 1e-9
     v = record.train_speed[indices]
     noise = context.noise[indices] / v  # of (2)

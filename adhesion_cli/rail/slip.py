@@ -71,9 +71,8 @@ def observe_slip(
         speed_slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
         lasting = speed_error(record)
         # The slope's filter passes only the change within 1/δ of an error that follows −v̇/v.
-        slip_noise = np.hypot(
-            speed_slip_noise, lasting * deceleration(record) / record.train_speed / p.delta
-        )
+        change = lasting * deceleration(record) / record.train_speed / p.delta
+        slip_noise = np.hypot(speed_slip_noise, change)
     mu_noise = physics.coefficient(axle.reference.sigma, vehicle, record.axle)
     n = len(record)
     slope, confidence, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
@@ -81,29 +80,17 @@ def observe_slip(
     for s in record.segments:
         noise = slip_noise[s], mu_noise[s]
         march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], confidence[s], code[s])
-    completed = replace(
-        axle,
-        slip=slip,
-        slip_noise=speed_slip_noise,
-        slope=slope,
-        slope_confidence=confidence,
-        region=code,
-    )
+    completed = replace(axle, slip=slip, slip_noise=speed_slip_noise, region=code)
+    completed = replace(completed, slope=slope, slope_confidence=confidence)
     is_unknown = record.train_speed_late is None or record.train_speed_late.value == 0.0
-    if (
-        is_unknown
-        and has_uncertain_delay(record)
-        and any(
-            np.median(deceleration(record)[x.samples]) > COASTING_RATE
-            for x in find_slides(completed, slip, slip)
-        )
-    ):
+    is_unknown = is_unknown and has_uncertain_delay(record)
+    possible = [x.samples for x in find_slides(completed, slip, slip)] if is_unknown else []
+    if any(np.median(deceleration(record)[x]) > COASTING_RATE for x in possible):
         name, delay = f"axle {record.axle}", {"delay_s": 2.0 * delay_sigma(record)}
         finding = Finding("train-speed-delay-unknown", "info", channel=name, values=delay)
         if has_slow_receiver(record):
             finding = replace(finding, code="train-speed-slow", severity="warning")
         findings.append(finding)
-    axle_events = events.axle_events(
-        record.axle, slides(completed), record.segments, record.t, code
-    )
+    course = record.segments, record.t, code
+    axle_events = events.axle_events(record.axle, slides(completed), *course)
     return replace(completed, events=axle_events), findings

@@ -93,9 +93,8 @@ def check_bands(b: Bands, section: str) -> Bands:
         ("slope", b.slope_low, b.slope_high),
     ):
         if lower >= upper:
-            text = (
-                f"{section}.{name}_low = {lower:g} is not below {section}.{name}_high = {upper:g}"
-            )
+            low, high = f"{section}.{name}_low", f"{section}.{name}_high"
+            text = f"{low} = {lower:g} is not below {high} = {upper:g}"
             raise UserError(text, "a band is from low to high", code=2)
     return b
 
@@ -170,11 +169,8 @@ def step(  # noqa: PLR0913 (a compiled step on plain floats)
         D = N - 2.0 * x * C
         kappa0_squared = (p.small / scale) ** 2  # κ0²
         chord = C / S
-        r = (
-            (max(M - chord * C, 0.0) + Y)
-            * (_BEND * p.straight) ** 2
-            / (chord * chord + kappa0_squared)
-        )
+        r = (max(M - chord * C, 0.0) + Y) * (_BEND * p.straight) ** 2
+        r /= chord * chord + kappa0_squared
         E = S - T * T / (B + r) if B + r > 0.0 else S
         if Z < E:
             c = (D - T * chord) / (B + r - T * T / S) if B + r > 0.0 else 0.0
@@ -182,12 +178,8 @@ def step(  # noqa: PLR0913 (a compiled step on plain floats)
             unexplained = (max(M - kappa * C - c * D, 0.0) + Y) / E
             kappa_squared = kappa * kappa + kappa0_squared
             bend_factor = 1.0 + B / (4.0 * S * (_MEMORY_DISTANCE * p.straight) ** 2)
-            confidence = (
-                (1.0 - Z / E)
-                * kappa_squared
-                / (kappa_squared + p.doubt * unexplained)
-                / bend_factor
-            )
+            confidence = (1.0 - Z / E) * kappa_squared
+            confidence /= (kappa_squared + p.doubt * unexplained) * bend_factor
             if confidence >= p.surest:
                 slope = kappa * scale
     return State(slip, mu, dx, q, y, S, U, V, C, N, M, Z, Y, confidence, slope)

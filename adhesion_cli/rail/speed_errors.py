@@ -41,12 +41,10 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
             if len(values := (bend := _bend(record, x, m))[selected & np.isfinite(bend)]) > 10 * m
         ]
         train = max(train, min(levels, default=0.0))
-    wheel = (
-        np.nanmedian(np.where(v > _TURNING_SPEED, _bend(record, rim, 1), np.nan)) / _MEDIAN_OF_SIGMA
-    )
-    between_readings = (
-        _bend(record, v, max(1, round(record.train_speed_interval / h))) / CLEAR_SIGMAS
-    )
+    turns = np.where(v > _TURNING_SPEED, _bend(record, rim, 1), np.nan)
+    wheel = np.nanmedian(turns) / _MEDIAN_OF_SIGMA
+    reading = max(1, round(record.train_speed_interval / h))
+    between_readings = _bend(record, v, reading) / CLEAR_SIGMAS
     noise: Floats = np.hypot(np.fmax(train, between_readings), np.nan_to_num(wheel))
     return noise
 
@@ -64,9 +62,8 @@ def deceleration(record: AxleRecord) -> Floats:
 
 def has_slow_receiver(record: AxleRecord) -> bool:
     """Whether the train speed is a receiver's, whose delay is long and unknown."""
-    return (
-        record.train_speed_late is None and record.train_speed_interval > physics.RECEIVER_INTERVAL
-    )
+    is_slow = record.train_speed_interval > physics.RECEIVER_INTERVAL
+    return is_slow and record.train_speed_late is None
 
 
 def has_uncertain_delay(record: AxleRecord) -> bool:

@@ -61,15 +61,15 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     force, _ = over_locks(axle.reference.force, axle.reference.brake)
     power = force * np.maximum(record.train_speed - record.wheel_speed * radius, 0.0)
     energies = [s.energy_j for s in inside if s.energy_j is not None]
-    locks = [
-        lock
-        for lock in locks_of_axle(record, radius, limits)
-        if begin <= t[lock.samples.start] <= end
-    ]
+    all_locks = locks_of_axle(record, radius, limits)
+    locks = [lock for lock in all_locks if begin <= t[lock.samples.start] <= end]
     longest = max(locks, key=lambda lock: lock.duration, default=None)
     first_start = min((s.start_s for s in inside), default=math.nan)
     initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
     utilisation, utilisation_ci = _utilisation(applications)
+    lock_energy = math.nan
+    if longest:
+        lock_energy = float(np.trapezoid(power[longest.samples], t[longest.samples]))
     slips = [a.max_slip for a in applications if a.max_slip is not None]
     return row._replace(
         max_slip=max(slips, default=row.max_slip),
@@ -78,9 +78,7 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
         utilisation=utilisation,
         utilisation_ci=utilisation_ci,
         energy_j=sum(energies) if inside and len(energies) == len(inside) else None,
-        lock_energy_j=None
-        if longest is None
-        else _finite(_integral(t, power, *t[[longest.samples.start, longest.samples.stop - 1]])),
+        lock_energy_j=lock_energy if math.isfinite(lock_energy) else None,
     )
 
 
@@ -105,20 +103,10 @@ def _utilisation(
     applications: Sequence[BrakeApplication],
 ) -> tuple[float, tuple[float, float]] | tuple[None, None]:
     """Mean utilisation with its 95 % interval, over the time of the slides that show it."""
-    rated_applications = [
-        (a.utilisation, *a.utilisation_ci, a.slide_s) for a in applications if a.utilisation_ci
-    ]
-    if not rated_applications:
+    rated = [a for a in applications if a.utilisation_ci]
+    if not rated:
         return None, None
-    *columns, seconds = np.array(rated_applications).T
+    rows = [(a.utilisation, *(a.utilisation_ci or ()), a.slide_s) for a in rated]
+    *columns, seconds = np.array(rows).T
     mean, lower, upper = (float(np.average(x, weights=seconds)) for x in columns)
     return mean, (lower, upper)
-
-
-def _integral(t: Floats, x: Floats, start: float, stop: float) -> float:
-    inside = (t >= start) & (t <= stop)
-    return float(np.trapezoid(x[inside], t[inside]))
-
-
-def _finite(x: float) -> float | None:
-    return x if math.isfinite(x) else None

@@ -52,11 +52,8 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
-        coasting = (
-            (record.clamping_force[s] < physics.NO_FORCE)
-            & (change > -COASTING_RATE)
-            & (change < DRIVING_RATE)
-        )
+        coasting = (change > -COASTING_RATE) & (change < DRIVING_RATE)
+        coasting &= record.clamping_force[s] < physics.NO_FORCE
         coasting &= (rim[s] > _CALIBRATION_SPEED) & (v[s] > _CALIBRATION_SPEED)
         runs += [(v[s][a:b], rim[s][a:b]) for a, b in true_runs(coasting)]
         ratios.append(v[s][coasting] / rim[s][coasting])
@@ -155,17 +152,12 @@ def with_reference_speed(
             K[i, inside] = np.interp(t[inside], r.t[s], r.clamping_force[s])
         if vehicle.axles:  # as of the mean axle
             axle_vehicle = vehicle.of_axle(r.axle)
-            K[i] *= (
-                physics.table_share(rim[i], K[i], axle_vehicle.friction_table)
-                * axle_vehicle.friction.value
-            )
-            K[i] /= mean.friction.value
+            K[i] *= physics.table_share(rim[i], K[i], axle_vehicle.friction_table)
+            K[i] *= axle_vehicle.friction.value / mean.friction.value
     middle = signals.finite_median(rim)
-    for i, r in enumerate(all_records):
+    for i, r in enumerate(all_records if len(all_records) > 1 else ()):
         trial = replace(r, train_speed=np.interp(r.t, t, middle))
-        measured = (
-            calibration(trial, vehicle.radius(r.axle).value) if len(all_records) > 1 else None
-        )
+        measured = calibration(trial, vehicle.radius(r.axle).value)
         if measured and abs(measured[0] - 1.0) < _LARGEST_CORRECTION:
             rim[i] *= measured[0]
     rim = _without_delays(t, rim, [float(np.median(np.diff(r.t))) for r in all_records])
@@ -190,13 +182,6 @@ def with_reference_speed(
     sliding = (fastest + step < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
         findings.append(_slide_together(sliding, t, start_ns))
-    completed = [
-        replace(
-            r,
-            train_speed=np.interp(r.t, t, v),
-            train_speed_late=Parameter(0.0, 0.0),
-            train_speed_made=True,
-        )
-        for r in records
-    ]
-    return completed, findings
+    no_delay = Parameter(0.0, 0.0)
+    completed = [replace(r, train_speed_late=no_delay, train_speed_made=True) for r in records]
+    return [replace(r, train_speed=np.interp(r.t, t, v)) for r in completed], findings

@@ -92,13 +92,10 @@ class AxleChannels(NamedTuple):
         motors = self.motors and self.motors.scaled(heavier)
         axle = self._replace(vehicle=mean, friction_table=table, motors=motors)
         if record.pressure is None or self.smooth_pressure is None:
-            changed = replace(
-                record,
-                clamping_force=factor * record.friction_clamping,
-                clamping_force_smooth=factor * record.friction_clamping_smooth,
-                clamping_force_step=factor * record.clamping_force_step,
-            )
-            return axle._with_motors(changed)
+            K, smooth = record.friction_clamping, record.friction_clamping_smooth
+            step = factor * record.clamping_force_step
+            forces = replace(record, clamping_force=factor * K, clamping_force_step=step)
+            return axle._with_motors(replace(forces, clamping_force_smooth=factor * smooth))
         line, mean_line = force_line(self.vehicle), force_line(mean)
         # Both are straight lines below the springs' forces, too.
         scale = factor * line.per_pascal / mean_line.per_pascal

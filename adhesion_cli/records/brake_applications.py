@@ -60,9 +60,7 @@ def _application_slices(
         end_index = int(np.searchsorted(t, t[stop - 1] + _TAIL, side="right"))
         if i + 1 < len(spans):
             end_index = min(end_index, spans[i + 1][0] - 1)
-        yield slice(
-            run.start + max(start - 1, 0), run.start + end_index
-        )  # the last sample released
+        yield slice(run.start + max(start - 1, 0), run.start + end_index)  # last one released
 
 
 def _lets_start(record: AxleRecord, K: Floats, span: slice) -> bool:

@@ -62,9 +62,8 @@ def choose(log: Log, axles: Sequence[int], vehicle: Vehicle) -> Choice:
         if c.meaning and len(c.data.t) and not c.is_rate:
             channels.setdefault((c.meaning, c.axle), c)
     try:
-        numbers = axle_numbers(
-            log.path, channels, axles, [c.title for c in log.channels], log.proposals
-        )
+        titles = [c.title for c in log.channels]
+        numbers = axle_numbers(log.path, channels, axles, titles, log.proposals)
     except UserError as error:
         causes = [f for f in log.findings if f.code in _NOT_READ]
         if causes:
@@ -110,9 +109,8 @@ def axle_numbers(
         error = _missing(path, titles, "brake-cylinder pressure", (proposals or {}).get("pressure"))
     if error:
         if meanings & {"wheel_speed", "train_speed"}:
-            error.hint = (
-                f"`adhesion stops` gives distance and deceleration without it. {error.hint}"
-            )
+            without = "`adhesion stops` gives distance and deceleration without it."
+            error.hint = f"{without} {error.hint}"
         raise error
     of_axles: tuple[Meaning, ...] = ("wheel_speed", *BRAKES)
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
@@ -148,10 +146,8 @@ def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | Non
 def _missing(path: str, titles: Sequence[str], quantity: str, proposal: str | None) -> UserError:
     names = ", ".join(map(repr, titles[:8])) or "none"
     remedy = f"if it is another one, state it, as {proposal}" if proposal else "log it, too"
-    return UserError(
-        f"{path}: no channel is a {quantity} (recognised: {names})",
-        f"`adhesion inspect` lists the channels; {remedy}",
-    )
+    text = f"{path}: no channel is a {quantity} (recognised: {names})"
+    return UserError(text, f"`adhesion inspect` lists the channels; {remedy}")
 
 
 def no_records_error(
@@ -168,9 +164,8 @@ def no_records_error(
     def describe(*meanings: Meaning) -> str:
         chosen = [c.data.t for (meaning, _), c in choice.channels.items() if meaning in meanings]
         start_ns, stop_ns = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
-        return (
-            f"{max(map(len, chosen))} usable samples, {start_ns / 1e9:.3f} to {stop_ns / 1e9:.3f} s"
-        )
+        span = f"{start_ns / 1e9:.3f} to {stop_ns / 1e9:.3f} s"
+        return f"{max(map(len, chosen))} usable samples, {span}"
 
     speed, brake = describe("wheel_speed"), describe("pressure", "clamping_force")
     return UserError(

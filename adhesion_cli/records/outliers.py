@@ -6,7 +6,6 @@ can have passed through in their order. The rest are outliers.
 """
 
 import math
-from collections.abc import Callable
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.masks import edges, true_runs
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Meaning, Quantity, Times
+from ..core.model import Bools, Channel, Floats, Quantity, Times
 from ..core.signals import robust_sigma, white_noise
 from .choose import BRAKES, Channels, Key
 from .faults import Fault
@@ -61,9 +60,8 @@ class Limits(NamedTuple):
 
     def widened(self, noise: float) -> "Limits":
         """With larger changes that need no reason, as by noise."""
-        return self._replace(
-            free_change=self.free_change + noise, free_from_zero=self.free_from_zero + noise
-        )
+        free_change, free_from_zero = self.free_change + noise, self.free_from_zero + noise
+        return self._replace(free_change=free_change, free_from_zero=free_from_zero)
 
 
 def wheel_limits(p: Params) -> Limits:
@@ -79,17 +77,10 @@ def brake_limits(p: Params, share: float = 1.0) -> Limits:
 
 def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     """The outliers of every brake, wheel and train speed; each is judged alone."""
-    checks: dict[tuple[Meaning, ...], Callable[[Params, Channel], list[Fault]]] = {
-        BRAKES: brake_faults,
-        ("wheel_speed",): wheel_faults,
-        ("train_speed",): train_faults,
-    }
-    return {
-        key: check(p, channel)
-        for meanings, check in checks.items()
-        for key, channel in channels.items()
-        if key[0] in meanings
-    }
+    brakes = {key: brake_faults(p, c) for key, c in channels.items() if key[0] in BRAKES}
+    wheels = {key: wheel_faults(p, c) for key, c in channels.items() if key[0] == "wheel_speed"}
+    trains = {key: train_faults(p, c) for key, c in channels.items() if key[0] == "train_speed"}
+    return brakes | wheels | trains
 
 
 def wheel_faults(p: Params, speed: Channel) -> list[Fault]:
@@ -107,10 +98,8 @@ def brake_faults(p: Params, brake: Channel) -> list[Fault]:
     """Faults of a pressure [Pa] or of K [N]: outliers, and values far below zero."""
     negative = brake.data.value < p.vacuum * max(scale_of(brake), 1.0)
     outliers = brake_outliers(p, brake) & ~negative
-    return [
-        Fault("pressure-negative", negative),
-        _fault("pressure-outlier", "pressure-unusable", outliers),
-    ]
+    outlier_fault = _fault("pressure-outlier", "pressure-unusable", outliers)
+    return [Fault("pressure-negative", negative), outlier_fault]
 
 
 def _fault(outlier_code: str, unusable_code: str, outliers: Bools) -> Fault:
@@ -160,9 +149,8 @@ def _single_outliers(c: Channel, steep: float) -> Bools:
     longer_dt = np.maximum(dt[peaks], dt[peaks + 1])
     smaller = np.minimum(np.abs(departure), np.abs(return_change))
     single = (departure * return_change > 0.0) & (np.abs(departure - return_change) < smaller / 2.0)
-    single &= (np.minimum(dt[peaks], dt[peaks + 1]) > 0.0) & (
-        smaller - noise(c) > steep * longer_dt
-    )
+    single &= np.minimum(dt[peaks], dt[peaks + 1]) > 0.0
+    single &= smaller - noise(c) > steep * longer_dt
     outliers[peaks[single] + 1] = True
     return outliers
 
@@ -251,9 +239,8 @@ def _heaviest(signal: _Signal, pieces: _Pieces) -> Bools:
     total, predecessor = weight.copy(), np.full(len(weight), -1)
     for k in range(1, len(weight)):
         candidates = np.arange(max(0, k - _LONGEST_LINK), k)
-        sums = np.where(
-            signal.possible(final[candidates], start[k : k + 1]), total[candidates], 0.0
-        )
+        is_possible = signal.possible(final[candidates], start[k : k + 1])
+        sums = np.where(is_possible, total[candidates], 0.0)
         best = int(np.argmax(sums))
         if sums[best] > 0.0:
             total[k] += sums[best]

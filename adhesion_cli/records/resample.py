@@ -67,9 +67,8 @@ def _usable_time(axle: AxleChannels, speed: Channel, view: View) -> tuple[float,
     """The time of an axle's record, and that of its speed in the log [s]."""
     t = speed.data.t
     t = t[view.contains(t)]
-    used_time = sum(
-        float(axle.record.t[s.stop - 1] - axle.record.t[s.start]) for s in axle.record.segments
-    )
+    used_t = axle.record.t
+    used_time = sum(float(used_t[s.stop - 1] - used_t[s.start]) for s in axle.record.segments)
     return used_time * 1e-9, float(t[-1] - t[0]) * 1e-9
 
 

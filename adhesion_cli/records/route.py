@@ -79,10 +79,8 @@ class Trace(NamedTuple):
     def thinned(self, interval: float) -> "Trace":
         """One sample per interval [s]."""
         _, first_rows = np.unique(self.t // round(1e9 * interval), return_index=True)
-        jumps, breaks = (
-            np.diff(np.concatenate([[0], np.cumsum(x)])[first_rows]) > 0
-            for x in (self.jumps, ~self.joined)
-        )
+        before = np.cumsum([self.jumps, ~self.joined], axis=1)  # each one
+        jumps, breaks = np.diff(np.insert(before, 0, 0, axis=1)[:, first_rows]) > 0
         return Trace(self.t[first_rows], self.value[first_rows], jumps, ~breaks)
 
 
@@ -213,10 +211,10 @@ def _speed(log: Log, vehicle: Vehicle) -> Column | None:
     if not wheels:
         return None
     t, _ = _usable_samples(max((c.data for c in wheels), key=lambda x: len(x.t)))
-    rims = (
-        vehicle.radius(c.axle or 1).value * np.interp(t, *_usable_samples(c.data)) for c in wheels
-    )
-    return Column(t, np.maximum.reduce([*rims]), np.ones(len(t), np.bool_))
+    radii = [vehicle.radius(c.axle or 1).value for c in wheels]
+    speeds = [np.interp(t, *_usable_samples(c.data)) for c in wheels]
+    fastest = np.max(np.array(radii)[:, None] * speeds, axis=0)
+    return Column(t, fastest, np.ones(len(t), np.bool_))
 
 
 def _usable_samples(column: Column | None) -> tuple[Times, Floats]:

@@ -69,9 +69,8 @@ def readings(channel: Channel, interval: float) -> Channel:
     """The channel of the samples, `interval` [s] apart, that are its own, without the repeats."""
     pieces = list(_pieces(channel))
     reading_index = [_reading_index(channel, piece, interval) for piece in pieces]
-    index = np.concatenate(
-        [piece.start + i for piece, i in zip(pieces, reading_index, strict=True)]
-    )
+    pairs = zip(pieces, reading_index, strict=True)
+    index = np.concatenate([piece.start + i for piece, i in pairs])
     data = channel.data
     return replace(
         channel,
@@ -87,15 +86,11 @@ def _reading_index(channel: Channel, piece: slice, interval: float) -> NDArray[n
     t, x = channel.data.t[piece], channel.data.value[piece]
     t = (t - t[0]) * np.float64(1e-9)
     change_index = _changes(x)
-    readings_per_hold = np.maximum(
-        np.rint(np.diff(t[change_index], append=t[-1]) / interval), 1.0
-    ).astype(int)
-    nth = np.arange(readings_per_hold.sum()) - np.repeat(
-        np.cumsum(readings_per_hold) - readings_per_hold, readings_per_hold
-    )
-    index: NDArray[np.int64] = np.searchsorted(
-        t, t[np.repeat(change_index, readings_per_hold)] + nth * interval * (1.0 - 1e-9)
-    )
+    readings = np.rint(np.diff(t[change_index], append=t[-1]) / interval)
+    count = np.maximum(readings, 1.0).astype(int)  # of each hold
+    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    reading_t = t[np.repeat(change_index, count)] + nth * interval * (1.0 - 1e-9)
+    index: NDArray[np.int64] = np.searchsorted(t, reading_t)
     return index
 
 

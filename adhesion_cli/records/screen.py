@@ -77,14 +77,11 @@ def screen(choice: Choice, view: View, p: Thresholds) -> Screened:
 def _find_signs(channels: Channels) -> dict[Key, list[Fault]]:
     """Where speeds are below zero: the wheels', or else the sign of the train speed."""
     reverse = any(_runs_backwards(c).any() for k, c in channels.items() if k[0] == "wheel_speed")
-    code, meaning = (
-        ("reverse-running", "wheel_speed") if reverse else ("train-speed-sign", "train_speed")
-    )
-    return {
-        key: [Fault(code, _runs_backwards(c), False, "info")]
-        for key, c in channels.items()
-        if key[0] == meaning
-    }
+    meaning, code = "train_speed", "train-speed-sign"
+    if reverse:
+        meaning, code = "wheel_speed", "reverse-running"
+    judged = {key: _runs_backwards(c) for key, c in channels.items() if key[0] == meaning}
+    return {key: [Fault(code, mask, False, "info")] for key, mask in judged.items()}
 
 
 def _runs_backwards(speed: Channel) -> Bools:

@@ -45,10 +45,8 @@ def find_faults(
         if key[0] in BRAKES:
             other_brakes = [c for k, c in channels.items() if k[0] == key[0] and k != key]
             stuck, saturated = standing(p, brake, repeats[key], other_brakes)
-            faults[key] = [
-                Fault("pressure-stuck", stuck),
-                Fault("pressure-saturated", saturated, False),
-            ]
+            saturation = Fault("pressure-saturated", saturated, False)
+            faults[key] = [Fault("pressure-stuck", stuck), saturation]
     return faults
 
 

@@ -6,6 +6,7 @@ shows that, or else the brake of this wheel.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -52,10 +53,9 @@ def find_wheel_faults(
     for axle in reversed(axles):
         speed, brake = channels.get(axle.speed), channels.get(axle.brake)
         if speed and brake:
-            other_speeds = [
-                *(c for k, c in channels.items() if k[0] == "wheel_speed" and k != axle.speed),
-                *(c for k, c in channels.items() if k[0] == "train_speed"),
-            ]
+            others = [k for k in channels if k[0] == "wheel_speed" and k != axle.speed]
+            others += [k for k in channels if k[0] == "train_speed"]
+            other_speeds = [channels[k] for k in others]
             force = _held_force(speed, brake, axle.vehicle)
             is_stuck = stuck(p, speed, repeats[axle.speed], force, other_speeds)
             faults[axle.speed] = [Fault("speed-stuck", is_stuck)]
@@ -67,11 +67,9 @@ def find_train_faults(
 ) -> dict[Key, list[Fault]]:
     """Where a train speed [m/s] is stuck, by the wheel speeds [rad/s]."""
     wheels = [c for k, c in channels.items() if k[0] == "wheel_speed"]
-    return {
-        key: [Fault("train-speed-stuck", _stuck_train(p, c, repeats[key], wheels))]
-        for key, c in channels.items()
-        if key[0] == "train_speed"
-    }
+    trains = {key: c for key, c in channels.items() if key[0] == "train_speed"}
+    masks = {key: _stuck_train(p, c, repeats[key], wheels) for key, c in trains.items()}
+    return {key: [Fault("train-speed-stuck", mask)] for key, mask in masks.items()}
 
 
 def stuck(
@@ -95,9 +93,7 @@ def stuck(
     is_long_run = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
     if is_long_run.any():
         is_long_run &= equal_runs.length >= p.stays * _usual_run_length(y)
-    if y.max() < 0.1 * p.slow and any(
-        other_speed.data.value.max() > p.fast for other_speed in other_speeds
-    ):
+    if y.max() < 0.1 * p.slow and any(c.data.value.max() > p.fast for c in other_speeds):
         return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
     if not is_long_run.any():
         return np.zeros(len(y), dtype=np.bool_)
@@ -108,9 +104,8 @@ def stuck(
         rows = equal_runs.start, equal_runs.final
         relative_change = value * [_relative_change(speed, *rows, x) for x in other_speeds]
         # Where all of them stand still to the last digit, it is the logger that does.
-        comparable = np.isfinite(relative_change).any(axis=0) & (
-            np.nan_to_num(relative_change).max(axis=0) > 0.0
-        )
+        comparable = np.isfinite(relative_change).any(axis=0)
+        comparable &= np.nan_to_num(relative_change).max(axis=0) > 0.0
         expected[comparable] = among(relative_change[:, comparable], axis=0)
         steps[comparable] = p.steps
         is_train = np.array([c.meaning == "train_speed" for c in other_speeds])
@@ -123,9 +118,8 @@ def stuck(
             at_range_end = comparable & np.isfinite(of_train) & (value >= y.max())
             expected[at_range_end] = of_train[at_range_end]  # all wheels may be at that end
     constant = not np.ptp(y)
-    smallest_share = np.where(
-        at_range_end | constant, p.moves_much, p.moves
-    )  # one value shows no step
+    # one value shows no step
+    smallest_share = np.where(at_range_end | constant, p.moves_much, p.moves)
     is_stuck = is_long_run & (expected > np.maximum(steps * speed.coarsest, smallest_share * value))
     is_stuck &= at_range_end | (equal_runs.leap > p.leaps * expected)
     if constant and is_stuck.any():
@@ -142,18 +136,13 @@ def _stuck_train(
     wheels lose at every possible delay counts. The last value may be the end of a log whose train
     speed is early, or that of rollers.
     """
-    delays = np.linspace(0.0, p.late, 4)
-    delayed_wheels = [
-        replace(w, data=replace(w.data, t=w.data.t + round(delay * 1e9)))
-        for w in wheels
-        for delay in delays
-    ]
+    shifts = product(wheels, (round(1e9 * x) for x in np.linspace(0.0, p.late, 4)))
+    delayed_wheels = [replace(w, data=replace(w.data, t=w.data.t + ns)) for w, ns in shifts]
     frozen = stuck(p, train, equal_runs, np.zeros(len(train.data.t)), delayed_wheels, np.nanmin)
     if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
         final_run = equal_runs.start[-1:], equal_runs.final[-1:]
-        smallest_change = min(
-            (_relative_change(train, *final_run, w)[0] for w in wheels), default=0.0
-        )
+        changes = (_relative_change(train, *final_run, w)[0] for w in wheels)
+        smallest_change = min(changes, default=0.0)
         if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
             frozen[equal_runs.start[-1] :] = False
     return frozen
@@ -204,8 +193,7 @@ def _expected(p: Params, speed: Channel, clamping: Floats, equal_runs: RepeatedR
     mean = (clamping[1:] + clamping[:-1]) / 2.0
     impulse = np.concatenate([[0.0], np.cumsum(np.where(both_applied, mean * dt, 0.0))])
     total_impulse = (impulse[m:] - impulse[:-m])[pair].sum()
-    by_impulse = (
-        float(np.abs(y[m:] - y[:-m])[pair].sum() / total_impulse) if total_impulse > 0.0 else 0.0
-    )
+    change = float(np.abs(y[m:] - y[:-m])[pair].sum())
+    by_impulse = change / total_impulse if total_impulse > 0.0 else 0.0
     expected: Floats = by_impulse * (impulse[equal_runs.final] - impulse[equal_runs.start])
     return expected

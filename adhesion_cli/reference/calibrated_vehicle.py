@@ -23,6 +23,7 @@ Sources: JCGM 100, 5.2; JCGM 102, 6.2; the model is that of `train.longitudinal`
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,11 +128,8 @@ def evidence(
     """What a log says; `start_ns` is the first time of the explanation's grid [ns]."""
     seconds = (record.t - start_ns) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
-    return Evidence(
-        pieces.along_track(explanation.design) if explanation.design else None,
-        spans,
-        explanation.pressure_delay.value,
-    )
+    design = explanation.design and pieces.along_track(explanation.design)
+    return Evidence(design, spans, explanation.pressure_delay.value)
 
 
 def mean_brake(designs: Sequence[Design]) -> MeanBrake:
@@ -189,7 +187,7 @@ def prior(
     The axles outside the log may have another brake force per mass: that moves the train's
     deceleration and no parameter of these axles.
     """
-    interval, delay = max(d.interval for d in designs), _longest_delay(logs)
+    interval, delay = max(d.interval for d in designs), max(abs(x.delay) for x in logs)
     priors = model.line_prior(vehicle, designs[0].top, designs[0].mean, interval)
     by_wheels = any(d.creeps for d in designs)
     priors[model.SCALE] = Parameter(0.0, scale_sigma(vehicle, by_wheels, train))
@@ -203,14 +201,11 @@ def train_by(logs: Sequence[Evidence], train: Train) -> Train:
     A signal may be late by its filter. That also bends the build-up: it looks like another force.
     A longer delay is one of clocks.
     """
-    sigma = math.hypot(train.alike, _BY_FILTER * min(_longest_delay(logs), _LONGEST_FILTER))
+    delay = min(max(abs(x.delay) for x in logs), _LONGEST_FILTER)
+    sigma = math.hypot(train.alike, _BY_FILTER * delay)
     if any(x.delay < -model.EARLY for x in logs):
         sigma = max(sigma, _UNLIKE)
     return train._replace(alike=sigma)
-
-
-def _longest_delay(logs: Sequence[Evidence]) -> float:
-    return max(abs(x.delay) for x in logs)
 
 
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
@@ -280,16 +275,12 @@ def _posterior_vehicle(
     v: Vehicle, rows: dict[str, CalibratedParameter], correlation: Floats, speed: float
 ) -> Vehicle:
     names = ("friction", "axle_mass", "wheelset_inertia", "spring_force", "friction_fade")
-    places = {_PARAMETERS.get(name, name): i for i, name in enumerate(rows)}
-    related = tuple(
-        (a, b, round(float(correlation[places[a], places[b]]), 4))
-        for i, a in enumerate(names)
-        for b in names[i + 1 :]
-    )
+    by_name = {_PARAMETERS.get(name, name): row for name, row in rows.items()}
+    places = {name: i for i, name in enumerate(by_name)}
+    coefficients = {(a, b): correlation[places[a], places[b]] for a, b in combinations(names, 2)}
+    related = tuple((*pair, round(float(x), 4)) for pair, x in coefficients.items())
     determined: _Values = {
-        _PARAMETERS.get(name, name): Parameter(row.posterior, row.posterior_u)
-        for name, row in rows.items()
-        if _PARAMETERS.get(name, name) in names
+        name: Parameter(by_name[name].posterior, by_name[name].posterior_u) for name in names
     }
     if v.friction_table:
         determined |= _scaled_table(v, v.friction_table, determined, speed)
@@ -305,15 +296,11 @@ def _scaled_table(v: Vehicle, table: FrictionTable, determined: _Values, speed: 
     """
     scale, fade = determined["friction"], determined["friction_fade"]
     factor = scale.value * v.friction.value / table.reference
-    scaled = table.scaled(
-        factor * max(1.0 + fade.value * (u - speed), LEAST_SHARE) for u in table.speed
-    )
+    tilts = (max(1.0 + fade.value * (u - speed), LEAST_SHARE) for u in table.speed)
+    scaled = table.scaled(factor * tilt for tilt in tilts)
     friction = Parameter(scaled.reference, scale.share * scaled.reference)
-    return {
-        "friction": friction,
-        "friction_table": scaled,
-        "friction_fade": Parameter(0.0, fade.tolerance),
-    }
+    without_fade = Parameter(0.0, fade.tolerance)
+    return {"friction": friction, "friction_table": scaled, "friction_fade": without_fade}
 
 
 def _band(

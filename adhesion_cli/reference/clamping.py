@@ -105,6 +105,5 @@ def _piece(run: AxleRecord, s: slice) -> smoother.UnbrokenRun:
             count = max(round((t[stop - 1] - t[start]) / interval), 1) + 1
             is_sample[start + np.round(np.linspace(0, stop - 1 - start, count)).astype(int)] = True
     is_sample[[0, -1]] = True
-    return smoother.UnbrokenRun(
-        (t - t[0])[is_sample], K[is_sample], *np.zeros((5, np.sum(is_sample)))
-    )
+    zeros = np.zeros((5, np.sum(is_sample)))
+    return smoother.UnbrokenRun((t - t[0])[is_sample], K[is_sample], *zeros)

@@ -251,9 +251,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
         slack, white = SLACK, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
-    prior = smoother.MeasurementNoise(
-        noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
-    )
+    rough = scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
+    prior = smoother.MeasurementNoise(noise, _SHARE * scale, rough)
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
     slides = len(regimes.start) > 1 and not counts
     lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if slides else 0.0
@@ -261,9 +260,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         clamping, wheel = _delay(runs, clamping, wheel, lag, w)
         informative = fitted_to = [informative_samples(run) for run in wheel]
         fitted = fit_again(fitted_to, regimes, prior, slack, fitted)
-    rates = [
-        rate_of_change(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)
-    ]
+    pairs = zip(wheel, informative, strict=True)
+    rates = [rate_of_change(*pair, regimes, fitted) for pair in pairs]
     averaged, judged = 0.0, _Judged(fitted_to, fitted)
     if not counts and not lag and not runs[0].pressure_late.value:  # these look alike
         averaged, mean_rates, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
@@ -272,10 +270,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         judged = means if averaged > LIKELY else judged
     squares = [_rolling_squares(run, regimes, judged.noise) for run in judged.runs]
     rolls = len(regimes.start) == 1 and _sparse(runs)
-    forces = [
-        _between_samples(*pair, w) if rolls else _noise(*pair, w)
-        for pair in zip(clamping, rates, strict=True)
-    ]
+    force_of = _between_samples if rolls else _noise
+    forces = [force_of(*pair, w) for pair in zip(clamping, rates, strict=True)]
     level = math.inf if counts else judged.noise.measurement  # a count is a mean, not a level
     estimates, runs_of_wheel = [], zip(forces, rates, squares, wheel, clamping, strict=True)
     for (K, sigma), (rate, _), z2, run, c in runs_of_wheel:
@@ -392,10 +388,8 @@ def _delay(
     w: Wheelset,
 ) -> tuple[list[SmoothedClamping], list[smoother.UnbrokenRun]]:
     """K as the pads have it that lag by `lag` [s], and the runs with it."""
-    clamping = [
-        c._replace(K=np.interp(seconds_of(r) - lag, seconds_of(r), c.K))
-        for r, c in zip(runs, clamping, strict=True)
-    ]
+    pairs = zip(map(seconds_of, runs), clamping, strict=True)
+    clamping = [c._replace(K=np.interp(t - lag, t, c.K)) for t, c in pairs]
     wheel = [run._replace(**_inputs(run.t, c.K, w)) for run, c in zip(wheel, clamping, strict=True)]
     return clamping, wheel
 

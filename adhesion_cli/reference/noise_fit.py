@@ -242,11 +242,8 @@ def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]
     """
     if sum(len(r.t) for r in runs) <= _FITTED_SAMPLES:
         return runs
-    blocks = [
-        smoother.UnbrokenRun(*(column[i : i + _BLOCK] for column in r))
-        for r in runs
-        for i in range(0, len(r.t), _BLOCK)
-    ]
+    starts = [(r, i) for r in runs for i in range(0, len(r.t), _BLOCK)]
+    blocks = [smoother.UnbrokenRun(*(x[i : i + _BLOCK] for x in r)) for r, i in starts]
     count = min(_FITTED_SAMPLES // _BLOCK // 2, len(blocks))
     roughest = np.argsort([-_roughness(b) for b in blocks], kind="stable")[:count]
     spread = np.linspace(0, len(blocks) - 1, count).astype(int)

@@ -85,9 +85,8 @@ def pulse_means(
     input_variance = np.diff(np.interp(middle, t, np.cumsum(rolling.input_variance)), prepend=0.0)
     own_variance = np.full(len(y), run.wheel_speed_step**2 / 6.0 / m**2)
     s = np.interp(middle, t, rolling.s)
-    return smoother.UnbrokenRun(
-        middle, y, np.zeros(len(y)), s, input_variance, own_variance, stop - start
-    )
+    variances = input_variance, own_variance
+    return smoother.UnbrokenRun(middle, y, np.zeros(len(y)), s, *variances, stop - start)
 
 
 def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -111,9 +110,8 @@ def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     dither = np.repeat(returns[1:-1] & (returns[:-2] | returns[2:]) & (length <= _DITHER), length)
 
     run_length, count = np.repeat(length, length), np.repeat(np.minimum(length, _KNOTS), length)
-    knot = (
-        (np.arange(n) - np.repeat(run_start, length)) * (count - 1) // np.maximum(run_length - 1, 1)
-    )
+    place = np.arange(n) - np.repeat(run_start, length)  # in its run
+    knot = place * (count - 1) // np.maximum(run_length - 1, 1)
     is_knot = np.diff(knot, prepend=-1) != 0
     is_knot[run_start] = True
     level, own_variance = y.copy(), np.where(is_knot, count * variance, np.inf)

@@ -39,9 +39,7 @@ class UnbrokenRun(NamedTuple):
     y: Floats  # measured level
     u: Floats  # known part of the rate
     s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
-    input_variance: (
-        Floats  # variance of ∫u from the sample before, which u at the samples does not show
-    )
+    input_variance: Floats  # of ∫u from the sample before, which u at the samples does not show
     own_variance: Floats  # variance of y's own that adds to the fitted noise
     span: Floats  # y is the mean over this time about t [s]; 0 where it is the level at t
 
@@ -336,9 +334,7 @@ def _normal_score(mixture: Floats, T: Floats, nu: Floats, half_chi2: Floats) -> 
     for i in range(len(T)):
         for j in range(len(T)):
             share = 0.5 * mixture[i, 5] * T[i, j]
-            tail = math.erfc(
-                math.sqrt(half_chi2[i, j])
-            )  # 2 less it is the other, to the last digit
+            tail = math.erfc(math.sqrt(half_chi2[i, j]))  # 2 less it is the other
             p_below += share * (tail if nu[i, j] < 0.0 else 2.0 - tail)
             p_above += share * (2.0 - tail if nu[i, j] < 0.0 else tail)
     return score(p_below, p_above)
@@ -417,9 +413,8 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                     )
                     pair[j, i, 4] = F11 + G10 * G10 * D00 + 2.0 * G10 * G11 * D01 + G11 * G11 * D11
                     chi2 = (e0 * e0 * P11 - 2.0 * e0 * e1 * P01 + e1 * e1 * P00) / det
-                    W[j, i] = math.log(states[k, i, 5] * T[i, j] + 1e-300) - 0.5 * (
-                        math.log(det) + chi2
-                    )
+                    W[j, i] = math.log(states[k, i, 5] * T[i, j] + 1e-300)
+                    W[j, i] -= 0.5 * (math.log(det) + chi2)
                     top = max(top, W[j, i])
                 mass = 0.0
                 for i in range(M):

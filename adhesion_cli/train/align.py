@@ -96,10 +96,9 @@ def _on_one_clock(
         code = "train-speed-delay-or-offset" if offset else _CORRECTED
         findings = _clock_findings(code, train, values, view)
         delay = unknown if offset else delay
-    shifted_axles = [
-        _shifted(a, delay) if a.train and _same_samples(a.train, train) else a for a in axles
-    ]
-    return shifted_axles, findings
+    is_shifted = [a.train and _same_samples(a.train, train) for a in axles]
+    pairs = zip(axles, is_shifted, strict=True)
+    return [_shifted(a, delay) if shift else a for a, shift in pairs], findings
 
 
 def _beside_stated_delay(
@@ -121,10 +120,8 @@ def _beside_stated_delay(
             "delay_u95_s": Z95 * residual.tolerance,
         }
         return axles, _clock_findings("train-speed-delay-differs", train, values, view)
-    delay = Parameter(
-        stated_delay.value + (stated_delay.tolerance / error) ** 2 * residual.value,
-        stated_delay.tolerance * residual.tolerance / error,
-    )
+    mean = stated_delay.value + (stated_delay.tolerance / error) ** 2 * residual.value
+    delay = Parameter(mean, stated_delay.tolerance * residual.tolerance / error)
     return [_shifted(a, delay) if a.train is train else a for a in axles], []
 
 

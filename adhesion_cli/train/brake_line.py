@@ -94,9 +94,8 @@ def find_brake_line(
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     clamping = grid.friction_clamping
     x = np.array([grid.smooth(row) for row in (grid.pressure if by_pressure else clamping)])
-    friction = np.nan_to_num(
-        np.broadcast_to(grid.friction if by_pressure else 1.0, x.shape), nan=1.0
-    )
+    shares = np.broadcast_to(grid.friction if by_pressure else 1.0, x.shape)
+    friction = np.nan_to_num(shares, nan=1.0)
     grid, x, friction = _without_gone_sensors(grid, x, friction)
     if not len(x):
         return None
@@ -270,12 +269,8 @@ def _speed_effect(
     if not min(factor_at_low, factor_at_high) > 0.0:
         return None
     sigma = grid.gradient_sigma / math.sqrt(stops) * math.hypot(*(1.0 / x for x, _ in slowing))
-    return SpeedEffect(
-        factor_at_low / factor_at_high,
-        sigma,
-        float(np.mean(v[is_slow])),
-        float(np.mean(v[is_fast])),
-    )
+    speeds = float(np.mean(v[is_slow])), float(np.mean(v[is_fast]))
+    return SpeedEffect(factor_at_low / factor_at_high, sigma, *speeds)
 
 
 def _coasting_deceleration(slowing: Floats) -> float:

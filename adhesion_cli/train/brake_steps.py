@@ -67,11 +67,9 @@ def _steps(g: Grid) -> Iterator[tuple[int, float]]:
     noise = np.sqrt(np.sum((v - x @ basis.T) ** 2, axis=-1) / freedom)
     sigma, change = noise * float(np.linalg.norm(inverse[-1])), x[:, -1]
     least_change = np.maximum(_LEAST_CHANGE, -_LEAST_SHARE * x[:, 1])
-    sudden = (
-        (np.abs(change) > np.maximum(least_change, _SIGMAS * sigma))
-        & (by_axle @ inverse[-1] * np.sign(change) > _AXLE_SHARE * np.abs(change)).all(axis=0)
-        & _is_steady(g, j)
-    )
+    change_of_axles = by_axle @ inverse[-1] * np.sign(change)
+    sudden = np.abs(change) > np.maximum(least_change, _SIGMAS * sigma)
+    sudden &= (change_of_axles > _AXLE_SHARE * np.abs(change)).all(axis=0) & _is_steady(g, j)
     for begin, stop in true_runs(sudden):
         k = begin + int(np.argmax(np.abs(change[begin:stop]) / sigma[begin:stop]))
         yield j + k, float(change[k])

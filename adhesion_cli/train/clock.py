@@ -32,6 +32,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.masks import erode, true_runs
 from ..core.model import Bools, Floats, Parameter
@@ -70,6 +71,8 @@ _PAUSE = 5.0  # a longer time between two brakings parts them [s]
 _PARABOLA = 3  # fine steps to each side of the least loss through which the parabola goes
 _MOST_SAMPLES = 4000  # samples of the fit
 _BLOCK = 50_000  # samples of candidates that are fitted at a time: they stay in a processor's cache
+
+_Places = slice | NDArray[np.int64]
 
 
 class _ClockSamples(NamedTuple):
@@ -181,7 +184,7 @@ def _brakings(s: _ClockSamples) -> Iterator[slice]:
         yield from itertools.starmap(slice, itertools.pairwise([0, *cuts, len(s.t)]))
 
 
-def _read_part(read_train: Callable[[float], Floats], samples: slice, tau: float) -> Floats:
+def _read_part(read_train: Callable[[float], Floats], samples: _Places, tau: float) -> Floats:
     return read_train(tau)[samples]
 
 
@@ -226,9 +229,8 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
     )
     mean_rate = -float(np.diff(train)[slowing[1:] & slowing[:-1]].mean()) / step
     sigma = _RETURN_SPEED / max(mean_rate, _SLOWING)
-    likeliest = _likeliest(
-        returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN
-    )
+    read_nearest = partial(_read_part, read_train, places)
+    likeliest = _likeliest(returns, _TAUS, read_nearest, sigma, _RETURN_UNKNOWN)
     if likeliest is None or not likeliest.clear:
         return None
     delay = likeliest.value
@@ -252,18 +254,11 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
         train_slows = np.nan_to_num(-g.train_rate[::stride]) > _SLOWING
     usable = np.isfinite(slowing) & (rim > CRAWL)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
-    return _ClockSamples(
-        t,
-        rim,
-        g.clamping[:, ::stride] <= 0.0,
-        train_slows,
-        noise,
-        correlated,
-        usable,
-        fast,
-        np.where(usable, rim, 0.0),
-        np.where(usable, rim * np.maximum(slowing, 0.0), 0.0),
-    )
+    by_radius = np.where(usable, rim, 0.0)
+    by_creep = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
+    masks, released = (usable, fast), g.clamping[:, ::stride] <= 0.0
+    noises = noise, correlated
+    return _ClockSamples(t, rim, released, train_slows, *noises, *masks, by_radius, by_creep)
 
 
 def _likeliest(
@@ -332,12 +327,10 @@ def _start(s: _ClockSamples, v: Floats) -> Floats:
     place = np.where(coasts, 0.5, 0.3) * np.maximum(count - 1, 0)  # of the median, and of 30 %
     lower = place.astype(np.int64)[..., None]
     upper = np.minimum(lower + 1, np.maximum(count - 1, 0)[..., None])
-    ratio_below, ratio_above = (
-        np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper)
-    )
-    c = np.where(
-        count > 0, ratio_below + (place - lower[..., 0]) * (ratio_above - ratio_below) - 1.0, 0.0
-    )
+    edges = (np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper))
+    ratio_below, ratio_above = edges
+    between = (place - lower[..., 0]) * (ratio_above - ratio_below)
+    c = np.where(count > 0, ratio_below + between - 1.0, 0.0)
     x = np.append(c, np.full((len(v), 1), s.creepage[0]), axis=-1)
     inside: Floats = np.clip(x, -3.0 * _WORN, 3.0 * _WORN)
     return inside
@@ -359,9 +352,8 @@ def _fit(s: _ClockSamples, v: Floats) -> _Fits:
     margin = round(_SLIDE_MARGIN / (s.t[1] - s.t[0]))
     changes = np.arange(len(v))  # candidates whose next fit would be another one
     for n in range(8):
-        left = d[changes] - (
-            s.by_radius * x[changes, :k, None] + s.by_creep * x[changes, k, None, None]
-        )
+        by_radius, by_creep = x[changes, :k, None], x[changes, k, None, None]
+        left = d[changes] - (s.by_radius * by_radius + s.by_creep * by_creep)
         in_use, previous = usable[changes], rolling[changes]
         rolls = in_use & (np.abs(left) < cutoff) & erode(~in_use | (left < cutoff), margin)
         residual[changes], rolling[changes] = left, rolls

@@ -104,11 +104,9 @@ def explain_deceleration(
     braked_share = train.braked_share(vehicle, len(axles))
     rim_design = build_design(axles, vehicle, grids, braked_share)
     uses_train_speed = grids.fine.train is not None and not (rim_design and _may_be_late(axles))
-    train_design = (
-        build_design(axles, vehicle, grids, braked_share, by_train=True)
-        if uses_train_speed
-        else None
-    )
+    train_design = None
+    if uses_train_speed:
+        train_design = build_design(axles, vehicle, grids, braked_share, by_train=True)
     if rim_design is None:
         return AS_STATED._replace(design=train_design)
     explanation = _explain_design(rim_design, vehicle)
@@ -152,9 +150,8 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
         return AS_STATED._replace(pieces=pieces)
     both_starts = _start_points(d, both_prior)
     free_fit = search([d], [d.size], both_prior, both_starts)
-    counts = independent_samples(
-        d, without_slope(d, residual(d, free_fit.mean, np.zeros(len(d.size))))
-    )
+    left = residual(d, free_fit.mean, np.zeros(len(d.size)))
+    counts = independent_samples(d, without_slope(d, left))
     stated = search([d], [counts], stated_prior, _start_points(d, stated_prior))
     delayed, line = (
         _best(d, counts, prior, _start_points(d, prior), [stated])

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..core.model import CarAxle, FrictionTable, Load, Parameter, Vehicle
-from ..core.physics import CHAIN, chain_ratio, force_line, friction_share, piston_area
+from ..core.physics import CHAIN, chain_ratio, fade_share, force_line, piston_area
 
 _Changes = dict[str, Any]  # values of a vehicle by their names
 _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
@@ -91,10 +91,8 @@ def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
 
 
 def _have_equal_values(vehicles: Sequence[Vehicle]) -> bool:
-    first_vehicle, *other_vehicles = vehicles
-    return all(
-        replace(v, wheel_radius=first_vehicle.wheel_radius) == first_vehicle for v in other_vehicles
-    )
+    radius = vehicles[0].wheel_radius
+    return all(replace(v, wheel_radius=radius) == vehicles[0] for v in vehicles)
 
 
 def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
@@ -117,9 +115,8 @@ def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle)
     changed: _Changes = {}
     of_brake = _ratio_of(brake_sigma(axle_vehicle), brake_sigma(stated_mean))
     for name in (*_BRAKE, "axle_mass", "wheelset_inertia"):
-        x, stated_value, identified_value = (
-            getattr(v, name) for v in (axle_vehicle, stated_mean, identified)
-        )
+        three_vehicles = axle_vehicle, stated_mean, identified
+        x, stated_value, identified_value = (getattr(v, name) for v in three_vehicles)
         share = of_brake if name in _BRAKE else _ratio_of(x.share, stated_value.share)
         value = x.value * (identified_value.value / stated_value.value) ** share
         changed[name] = Parameter(value, value * identified_value.share * share)
@@ -170,11 +167,8 @@ def _moved_table(
         return {"friction": Parameter(value, value * tolerance * share), "friction_fade": fade}
     by_speed = np.interp(table.speed, stated_mean.speed, factors) ** share
     scaled = table.scaled(by_speed.tolist())
-    return {
-        "friction": Parameter(scaled.reference, scaled.reference * tolerance * share),
-        "friction_table": scaled,
-        "friction_fade": fade,
-    }
+    friction = Parameter(scaled.reference, scaled.reference * tolerance * share)
+    return {"friction": friction, "friction_table": scaled, "friction_fade": fade}
 
 
 def _mean_of(values: Sequence[float], weights: Sequence[float], total: float = 0.0) -> float:
@@ -184,15 +178,13 @@ def _mean_of(values: Sequence[float], weights: Sequence[float], total: float = 0
 
 def _at_speed(v: Vehicle, speed: float) -> Vehicle:
     """The same vehicle with `friction` at another speed [m/s]."""
+    friction_speed = Parameter(speed, 0.0)
     if v.friction_table:
-        return replace(v, friction_speed=Parameter(speed, 0.0))
-    share, fade = float(friction_share(speed, 0.0, v)), v.friction_fade
-    return replace(
-        v,
-        friction=Parameter(v.friction.value * share, v.friction.tolerance * share),
-        friction_fade=Parameter(fade.value / share, fade.tolerance),
-        friction_speed=Parameter(speed, 0.0),
-    )
+        return replace(v, friction_speed=friction_speed)
+    share, fade = float(fade_share(speed, v)), v.friction_fade
+    friction = Parameter(v.friction.value * share, v.friction.tolerance * share)
+    fade = Parameter(fade.value / share, fade.tolerance)
+    return replace(v, friction=friction, friction_fade=fade, friction_speed=friction_speed)
 
 
 def _ratio_of(a: float, b: float) -> float:

@@ -146,21 +146,16 @@ def along_track(d: Design) -> Design:
     """The design in short pieces, whose gradients are correlated along the track."""
     step = float(d.t[1] - d.t[0])
     runs = [0, *(np.flatnonzero(np.diff(d.samples) > 1) + 1), len(d.samples)]
-    pieces_per_run = [
-        max(1, min(round(n * step / _SHORT_PIECE), n // FEWEST)) for n in np.diff(runs)
-    ]
-    edges = [
-        np.linspace(*bounds, n + 1)[:-1]
-        for bounds, n in zip(pairwise(runs), pieces_per_run, strict=True)
-    ]
+    edges = []
+    for a, b in pairwise(runs):
+        count = max(1, min(round((b - a) * step / _SHORT_PIECE), (b - a) // FEWEST))
+        edges.append(np.linspace(a, b, count + 1)[:-1])
     d = _with_pieces(d._replace(has_quadratic=False), np.concatenate(edges).astype(np.int64))
     distance = sum_by_piece(d, running_integral(d.t, d.relative_speed + d.mean)[d.samples]) / d.size
     separation = np.abs(distance[:, None] - distance) / _CORRELATION_LENGTH
-    return d._replace(
-        gradient_covariance=d.gradient_sigma**2 * np.exp(-separation)
-        + _UNCORRELATED_GRADIENT**2 * np.eye(len(distance))
-        + _motor_covariance(d)
-    )
+    covariance: Floats = d.gradient_sigma**2 * np.exp(-separation)
+    covariance += _UNCORRELATED_GRADIENT**2 * np.eye(len(distance)) + _motor_covariance(d)
+    return d._replace(gradient_covariance=covariance)
 
 
 def join_designs(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:

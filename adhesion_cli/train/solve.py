@@ -256,9 +256,8 @@ def invert_normal(A: Floats) -> Floats:
     C = A / np.outer(d, d)
     values, vectors = np.linalg.eigh(C)
     regular = values > _SINGULAR
-    inverse: Floats = (
-        (vectors[:, regular] / values[regular]) @ vectors[:, regular].T / np.outer(d, d)
-    )
+    inverse: Floats = (vectors[:, regular] / values[regular]) @ vectors[:, regular].T
+    inverse /= np.outer(d, d)
     singular = (vectors[:, ~regular] ** 2).sum(axis=1) > _SINGULAR
     inverse[singular | empty, singular | empty] = np.inf
     return inverse

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core import physics
+from ..core import compiled, physics
 from ..core.errors import UserError
 from ..core.estimator import check_step
 from ..core.model import Floats, Vehicle
@@ -85,9 +85,8 @@ def _drive(world: _World, train: MovingTrain, j: int) -> MovingTrain:
         if k >= world.dead:
             for i in range(len(wheels.w)):
                 wheels.valve[i] = trace.valve[(k - world.dead) // stride, i]
-        train = advance_to(
-            world.plant, world.track, world.demand, train, wheels, (k + 1) * world.dt
-        )
+        step_end = (k + 1) * world.dt
+        train = advance_to(world.plant, world.track, world.demand, train, wheels, step_end)
         if not train.v > 0.0:
             return train
         _remember(world, train, k + 1)
@@ -136,9 +135,8 @@ def _march(world: _World, train: MovingTrain, c: Constants, bands: slope.Bands) 
             wheels = initial_wheels(c, y.shape[1])
             train_state, axles = start(c, wheels, trace.measured_train_speed[0], y[0], K[0])
         else:
-            train_state, axles = tick(
-                c, train_state, axles, h, trace.measured_train_speed[j], y[j], K[j]
-            )
+            v = trace.measured_train_speed[j]
+            train_state, axles = tick(c, train_state, axles, h, v, y[j], K[j])
         trace.measured_train_speed[j], trace.train_speed_doubt[j] = train_state.v, train_state.doubt
         for i in range(len(axles)):
             k, judged = axles[i].slope, axles[i].controller.judged
@@ -199,8 +197,6 @@ def run(
         UserError: no such controller or estimator, a parameter unknown, out of range or unstable,
             a scenario that does not end in a stop.
     """
-    from ..core import compiled
-
     name = scenario.name
     if scenario.rig or not scenario.brake.command or not scenario.train.speed:
         raise UserError(f"{name}: no train that brakes", "take a scenario of a stop")
@@ -237,8 +233,6 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
     Raises:
         UserError: the train does not stop.
     """
-    from ..core import compiled
-
     h, axles, ticks = logged.interval, scenario.train.axles, round(LONGEST / logged.interval)
     plant, demand = plants.plant_of(scenario), plants.demand_of(scenario)
     forces = logged.force * (scenario.vehicle.friction.value / logged.friction)
@@ -249,9 +243,8 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
     v, x, rim, force = (column[:n] for column in columns)
     pressure = logged.pressure[np.minimum(np.arange(n), len(logged.pressure) - 1)]
     rises = np.maximum(np.diff(pressure, axis=0), 0.0)
-    stop = _on_rail(
-        _empty(n, axles, h)._replace(train_speed=v, distance=x, rim_speed=rim), plant, track
-    )
+    empty = _empty(n, axles, h)
+    stop = _on_rail(empty._replace(train_speed=v, distance=x, rim_speed=rim), plant, track)
     return stop._replace(
         controller=LOGGED,
         demand=np.interp(np.arange(n) * h, demand.t[:-1], demand.p[:-1]),
@@ -304,8 +297,6 @@ def _follow(  # noqa: PLR0913 (compiled)
 
 def _on_rail(stop: Stop, plant: Plant, track: RailConditions) -> Stop:
     """The stop with forces, slips, and those of the peak of the rail."""
-    from ..core import compiled
-
     v, rim = stop.train_speed, stop.rim_speed
     force, peak, best = np.empty((3, *rim.shape))
     course = plant, track, stop.t * np.float64(1e-9), v, stop.distance
@@ -333,13 +324,11 @@ def _check_stopped(name: str, stop_index: int, ticks: int, h: float) -> None:
 def _world(s: Scenario, track: RailConditions, seed: int) -> tuple[_World, MovingTrain]:
     """Train, rail and sensors of a scenario at the start, with an empty trace."""
     antiskid, axles, dt = s.antiskid, s.train.axles, s.dt
-    stride, delay, dead = (
-        round(x / dt) for x in (antiskid.period, antiskid.delay, antiskid.dead_time)
-    )
+    times = antiskid.period, antiskid.delay, antiskid.dead_time
+    stride, delay, dead = (round(x / dt) for x in times)
     plant = plants.plant_of(s)
-    plant = plant._replace(
-        valve_time=antiskid.vent_time, fill_rate=min(plant.fill_rate, antiskid.fill_rate)
-    )
+    fill_rate = min(plant.fill_rate, antiskid.fill_rate)
+    plant = plant._replace(valve_time=antiskid.vent_time, fill_rate=fill_rate)
     ticks = round(LONGEST / (stride * dt))
     shape = (ticks, axles)
     random = np.random.Generator(np.random.PCG64(seed))

@@ -194,9 +194,8 @@ def _rails_under(
                 findings += rail_findings
                 spans = tuple(((a - start) / 1e9, (b - start) / 1e9) for a, b in rail.spans if b)
                 if spans:
-                    findings.append(
-                        Finding("replay-rail-ends", "info", f"axle {number}", spans=spans)
-                    )
+                    name = f"axle {number}"
+                    findings.append(Finding("replay-rail-ends", "info", name, spans=spans))
         elif (
             axle.record.train_speed_late is None
             and sliding.limited_from(axle, begin, stop) is not None
@@ -274,10 +273,8 @@ def _balanced(
     seconds = _KNOT_INTERVAL * len(braking.t)
     squares = _KNOT_INTERVAL * float(np.sum(braking.speed**2))
     resistance = seconds * RESISTANCE_OF_TRAINS.value + squares * DRAG_OF_TRAINS.value
-    resistance_sigma = math.hypot(
-        seconds * math.hypot(RESISTANCE_OF_TRAINS.tolerance, GRADIENT_SIGMA),
-        squares * DRAG_OF_TRAINS.tolerance,
-    )
+    steady_sigma = seconds * math.hypot(RESISTANCE_OF_TRAINS.tolerance, GRADIENT_SIGMA)
+    resistance_sigma = math.hypot(steady_sigma, squares * DRAG_OF_TRAINS.tolerance)
     by_axles, speed_loss = float(impulse[-1]), float(braking.speed[0] - braking.speed[-1])
     weight = sigma**2 / (sigma**2 + (resistance_sigma / by_axles) ** 2)
     mean = 1.0 + weight * ((speed_loss - resistance) / by_axles - 1.0)
@@ -356,9 +353,8 @@ def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]
         for x in axle_slides:
             force[(t >= x.start) & (t <= x.start + x.duration * 1e9)] = np.nan
         force[slip > _LOCKS] = np.nan  # also at walking pace, where no slide is found
-        pressure = physics.cylinder_pressure(
-            line, _column(t, record.t, record.clamping_force_smooth)
-        )
+        K = _column(t, record.t, record.clamping_force_smooth)
+        pressure = physics.cylinder_pressure(line, K)
         columns.append((pressure, slip, force))
     tables = (np.column_stack(x) for x in zip(*columns, strict=True))
     return Logged(_LOGGED_INTERVAL, vehicle.friction.value, *tables)
@@ -430,10 +426,8 @@ def _draw_rails(
         if rail is None:
             conditions.append(None)
             continue
-        draws = [
-            replay_rail.scaled_by(x, 1.0 / c)
-            for x, c in zip(rail.draws[:_DRAWS], rail.scales, strict=False)
-        ]
+        computed = zip(rail.draws[:_DRAWS], rail.scales, strict=False)
+        draws = [replay_rail.scaled_by(x, 1.0 / c) for x, c in computed]
         draws.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
         order = random.permutation(len(draws)) if order is None else order
         scaled = zip(order.tolist(), scales, strict=True)

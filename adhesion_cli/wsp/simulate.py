@@ -12,7 +12,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from ..core import physics
+from ..core import compiled, physics
 from ..core.errors import UserError
 from ..core.model import Channel, Column, Floats, Log, Times
 from ..core.signals import running_integral
@@ -140,8 +140,6 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     Raises:
         UserError: where the step is too long for the scenario, or the run too large for memory.
     """
-    from ..core import compiled
-
     dt = scenario.dt if dt is None else dt
     n = round(scenario.duration / dt) + 1
     fastest = max((x.rate for x in scenario.sensor), default=0.0)

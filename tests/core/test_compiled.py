@@ -94,7 +94,7 @@ def answer(process):
 
 @pytest.fixture(scope="module")
 def filled(copy, tmp_path_factory):
-    """A cache that two processes filled at once with the loop of leso, and what each of them gave."""
+    """A cache that two processes filled at once with the loop of leso, and each answer."""
     cache = tmp_path_factory.mktemp("cache")
     racing = [start(copy, BATCH, "leso", XDG_CACHE_HOME=cache) for _ in range(2)]
     return cache, *map(answer, racing)
@@ -208,7 +208,9 @@ def test_processes_may_start_at_once_and_an_edited_helper_is_noticed(copy, fille
     text = helper.read_text(encoding="utf-8")
     assert "sigma = 0.5 * beta1" in text
     try:
-        helper.write_text(text.replace("sigma = 0.5 * beta1", "sigma = 0.4 * beta1"), encoding="utf-8")
+        helper.write_text(
+            text.replace("sigma = 0.5 * beta1", "sigma = 0.4 * beta1"), encoding="utf-8"
+        )
         edited, online = run()
     finally:
         helper.write_text(text, encoding="utf-8")
@@ -299,7 +301,7 @@ def test_a_damaged_cache_costs_time_and_no_run(
         "half of the code": ("*.nbc", 0.5),
         "half an index": ("*.nbi", 0.5),
         "empty index": ("*.nbi", 0.0),
-        "no text": ("batch_td.py", 0.0),
+        "no text": ("batch_leso.py", 0.0),
     }
     for name, (pattern, share) in damages.items():
         shutil.copytree(cache, tmp_path / name)

@@ -62,9 +62,8 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
     operating_region = region(judged, o.slope, bands)  # [S4]
     blind = s.blind + h if operating_region == 0 else 0.0  # unknown
     looks = operating_region == 0 and blind >= p.patience  # for the slope
-    valve = (
-        DUMP if operating_region == 3 else APPLY if operating_region == 1 or looks else HOLD
-    )  # [S5]
+    applies = operating_region == 1 or looks
+    valve = DUMP if operating_region == 3 else APPLY if applies else HOLD  # [S5]
     if blind >= p.patience + p.probe:
         blind = 0.0
     return State(blind, judged, max(valve, o.at_least))
