@@ -31,9 +31,8 @@ def analyze_axle(
     reference = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
     K, y = faded.clamping_force, record.wheel_speed
-    estimates = {
-        e.name: compiled.batch(e, settings.params(e), w, record.t, K, y, starts) for e in estimators
-    }
+    columns = w, record.t, K, y, starts
+    estimates = {e.name: compiled.batch(e, settings.params(e), *columns) for e in estimators}
     forces = {name: e.force for name, e in estimates.items()}
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
@@ -87,13 +86,11 @@ def _remove_drowned(
     record: AxleRecord, reference: Reference, drowned: Sequence[slice], start_ns: int
 ) -> tuple[Reference, Finding]:
     """The reference without these applications, whose noise exceeds the force."""
-    force, sigma, tolerance = (
-        c.copy() for c in (reference.force, reference.sigma, reference.tolerance)
-    )
-    for s in drowned:
-        force[s] = sigma[s] = tolerance[s] = np.nan
+    rows = np.r_[tuple(drowned)]
+    force, sigma = reference.force.copy(), reference.sigma.copy()
+    tolerance = reference.tolerance.copy()
+    force[rows] = sigma[rows] = tolerance[rows] = np.nan
     begin_rows, end_rows = [s.start for s in drowned], [s.stop - 1 for s in drowned]
     spans = spans_of(record.t[begin_rows], record.t[end_rows], start_ns)
-    name, count = f"axle {record.axle}", len(drowned)
-    finding = Finding("reference-noise", "warning", name, count, spans)
+    finding = Finding("reference-noise", "warning", f"axle {record.axle}", len(drowned), spans)
     return replace(reference, force=force, sigma=sigma, tolerance=tolerance), finding

@@ -109,9 +109,8 @@ def of_all_axles(
         return replace(identified, vehicle=moved)
     used_force = identified.force_per_bar and force_per_bar(moved.of_axle(first))
     stated_force = identified.stated_force_per_bar and force_per_bar(vehicle.of_axle(first))
-    return replace(
-        identified, vehicle=moved, force_per_bar=used_force, stated_force_per_bar=stated_force
-    )
+    identified = replace(identified, force_per_bar=used_force, stated_force_per_bar=stated_force)
+    return replace(identified, vehicle=moved)
 
 
 def with_force_of_log(identified: IdentifiedVehicle, vehicle: Vehicle) -> IdentifiedVehicle:
@@ -141,9 +140,8 @@ def with_friction_error(
         (a, b, r * kept_share if "friction" in (a, b) else r) for a, b, r in used_axle.correlation
     )
     used_axle = replace(used_axle, friction=Parameter(phi.value, sigma), correlation=correlation)
-    return replace(
-        identified, vehicle=move_axles(vehicle, mean, used_axle), mean_axle=(mean, used_axle)
-    )
+    moved = move_axles(vehicle, mean, used_axle)
+    return replace(identified, vehicle=moved, mean_axle=(mean, used_axle))
 
 
 def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
@@ -277,9 +275,7 @@ def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, .
     """The stops that the line of a log does not explain, after the start of the log."""
     assert log.grids is not None
     since = (log.grids.coarse.start_ns - log.view.start_ns) * 1e-9
-    return tuple(
-        stop._replace(start=since + stop.start, stop=since + stop.stop) for stop in line.differing
-    )
+    return tuple(x._replace(start=since + x.start, stop=since + x.stop) for x in line.differing)
 
 
 def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
@@ -417,13 +413,10 @@ def _any_vehicle(
     zero = line.prior_zero
     per_unit *= line.brake / max(line.brake + line.zero - zero.value, 0.1 * line.brake)
     ratio = per_unit / phi / per_pascal * vehicle.lever_ratio.value
-    piston = piston_area(vehicle)
-    return replace(
-        vehicle,
-        friction=Parameter(phi, ANY_SHARE * phi),
-        lever_ratio=Parameter(ratio, 0.0),
-        spring_force=Parameter(zero.value * piston, zero.tolerance * piston),
-    )
+    piston, lever_ratio = piston_area(vehicle), Parameter(ratio, 0.0)
+    spring = Parameter(zero.value * piston, zero.tolerance * piston)
+    friction = Parameter(phi, ANY_SHARE * phi)
+    return replace(vehicle, friction=friction, lever_ratio=lever_ratio, spring_force=spring)
 
 
 def _evidence(log: AlignedLog, vehicle: Vehicle, setting: _Setting) -> Evidence:
@@ -470,11 +463,8 @@ def _posterior(
         calibrated = _by_line(vehicle, logs[0].axles[0].record, [*lines.values()], setting)
     elif prior.source != "log":
         sigmas = _distance(posterior, brake_point)
-    differing = (
-        logs[i].path
-        for i, x in lines.items()
-        if abs(_contradiction(calibrated, x, setting)) > _STATED_SIGMAS
-    )
+    distances = {logs[i].path: _contradiction(calibrated, x, setting) for i, x in lines.items()}
+    differing = (path for path, x in distances.items() if abs(x) > _STATED_SIGMAS)
     identified = replace(
         prior,
         vehicle=calibrated,
@@ -519,9 +509,8 @@ def _by_line(
     posterior = solve.Posterior(
         mean, sigmas, mean + gain * error, covariance - np.outer(gain, g @ covariance), 0.0
     )
-    return calibrated_vehicle.calibrate_vehicle(
-        vehicle, record, brake_point, prior, posterior, 1
-    ).vehicle
+    parts = brake_point, prior, posterior, 1
+    return calibrated_vehicle.calibrate_vehicle(vehicle, record, *parts).vehicle
 
 
 def is_wheel_unknown(log: AlignedLog, settings: Settings) -> bool:

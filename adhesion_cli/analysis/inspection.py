@@ -115,11 +115,9 @@ def _judge_records(
         other_meanings = further_meanings(settings)
         chosen, findings = needed(source, settings.mappings, other_meanings)
         chosen_keys = {(m.field.name, m.field.path, m.axle) for m in chosen}
-        meant = tuple(
-            c
-            for c in log.channels
-            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in {*INPUTS, *other_meanings}
-        )
+        meanings = {*INPUTS, *other_meanings}
+        channels = (c for c in log.channels if (c.name, c.field, c.axle) in chosen_keys)
+        meant = tuple(c for c in channels if c.meaning in meanings)
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))
         severity = "info"

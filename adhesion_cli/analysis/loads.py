@@ -13,7 +13,6 @@ from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import (
-    Bools,
     CarAxle,
     Channel,
     Load,
@@ -102,10 +101,8 @@ def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
             values = {"mass_kg": first_load.axle_mass.value}
             findings.append(Finding("no-load-pressure", "warning", values=values))
         return vehicle, findings
-    loaded = {
-        number: replace(v, axle_mass=masses.get(number, v.axle_mass), load=None)
-        for number, v in axle_load.items()
-    }
+    mass_of = {number: masses.get(number, v.axle_mass) for number, v in axle_load.items()}
+    loaded = {n: replace(v, axle_mass=mass_of[n], load=None) for n, v in axle_load.items()}
     if not vehicle.axles and len({v.axle_mass for v in loaded.values()}) == 1:
         return replace(vehicle, axle_mass=loaded[1].axle_mass, load=None), findings
     cars = {a.number: a.car for a in vehicle.axles}
@@ -120,24 +117,17 @@ def states_load(vehicle: Vehicle) -> bool:
 
 def _steady_pressure(channel: Channel, log: Log, axle: int) -> float:
     """Median while the train stands or rolls steadily, else of all samples [Pa]."""
-    steady = _steady(channel, log, axle)
-    p = channel.data.value
-    return float(np.median(p[steady] if steady.any() else p))
-
-
-def _steady(channel: Channel, log: Log, axle: int) -> Bools:
-    """Where the train neither brakes nor accelerates, (n,)."""
-    t = channel.data.t
-    speed = log.find("train_speed", axle)
-    radius = 1.0
+    t, p = channel.data.t, channel.data.value
+    speed, radius = log.find("train_speed", axle), 1.0
     if speed is None or speed.is_rate:
         speed, radius = log.find("wheel_speed", axle), 0.45
-    if speed is None:
-        return np.ones(len(t), np.bool_)
-    half_width = 500_000_000  # [ns]
-    shifts = -half_width, half_width
-    v = [np.interp(t + shift, speed.data.t, speed.data.value) for shift in shifts]
-    return np.abs(v[1] - v[0]) * radius < _STEADY
+    steady = np.ones(len(t), np.bool_)
+    if speed is not None:
+        half_width = 500_000_000  # [ns]
+        shifts = -half_width, half_width
+        v = [np.interp(t + shift, speed.data.t, speed.data.value) for shift in shifts]
+        steady = np.abs(v[1] - v[0]) * radius < _STEADY
+    return float(np.median(p[steady] if steady.any() else p))
 
 
 def _pair(name: str, numbers: Any) -> tuple[float, float]:

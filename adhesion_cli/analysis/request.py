@@ -77,9 +77,8 @@ def read_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Log]:
     source = open_source(path, settings.read)
     if carried := _carried(path, source):
         settings = settings.over(settings_module.nested(carried))
-    settings = check_settings(
-        replace(settings, track=track_of_log(settings.track, source.path.name))
-    )
+    track = track_of_log(settings.track, source.path.name)
+    settings = check_settings(replace(settings, track=track))
     max_gap_ns, meanings = round(settings.analysis.max_gap * 1e9), further_meanings(settings)
     return settings, read(source, settings.mappings, settings.vehicle, max_gap_ns, meanings)
 
@@ -106,8 +105,6 @@ def load_vehicle(settings: Settings, log: Log) -> tuple[Settings, list[Finding]]
 def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
     """The settings that a result file was made with; none of a raw log."""
     if any(name.startswith("adhesion.settings/") for name in source.metadata):
-        raise UserError(
-            f"{path}: a comparison of several logs, not a log",
-            "name the logs themselves or their *.adhesion.mcap",
-        )
+        hint = "name the logs themselves or their *.adhesion.mcap"
+        raise UserError(f"{path}: a comparison of several logs, not a log", hint)
     return source.metadata.get("adhesion.settings", {})

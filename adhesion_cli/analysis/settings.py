@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Mapping as Tree
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from ..rail.slope import Bands, Params, check_bands
 from ..stops.settings import StopSettings
 from ..train.mean_axle import vehicle_of_axles
 from ..wsp import controller
+from ..wsp.wsp_controller import ParameterSet
 from . import cars, loads, stated_brake, stated_friction, stated_track
 from .stated_values import is_axle, parameter, plain_number, table_of
 
@@ -237,10 +238,7 @@ def layered_tables(
     local_file = Path("adhesion.toml")
     layers = [toml.read(local_file, _FORMAT_HINT)] if folder and local_file.is_file() else []
     files = [config] if isinstance(config, Path | Tree) else config or ()
-    layers += [
-        toml.read(source, _FORMAT_HINT) if isinstance(source, Path) else dict(source)
-        for source in files
-    ]
+    layers += [toml.read(x, _FORMAT_HINT) if isinstance(x, Path) else dict(x) for x in files]
     layers.append(merged(assignments))
     return _merge_layers(map(_normalise_names, layers))
 
@@ -276,22 +274,17 @@ def _forget(tree: Table, layer: Tables) -> None:
 
 def _forget_correlations(vehicle: Table, stated: Tables) -> None:
     correlations = vehicle.pop("correlation", {}) if stated else {}
-    remaining = {
-        a: others_left
-        for a, related in correlations.items()
-        if a not in stated
-        and (others_left := {b: x for b, x in related.items() if b not in stated})
-    }
+    remaining: Table = {}
+    for a, related in correlations.items():
+        others_left = {b: x for b, x in related.items() if b not in stated}
+        if others_left and a not in stated:
+            remaining[a] = others_left
     vehicle |= {"correlation": remaining} if remaining else {}
 
 
 def _known_thresholds(checks: Tree[str, Tables]) -> dict[str, Table]:
-    fields_by_check = {name: check.Params._fields for name, check in tunable().items()}
-    return {
-        name: {k: v for k, v in thresholds.items() if k in fields_by_check[name]}
-        for name, thresholds in checks.items()
-        if name in fields_by_check
-    }
+    known = {name: check.Params._fields for name, check in tunable().items() if name in checks}
+    return {n: {k: v for k, v in checks[n].items() if k in fields} for n, fields in known.items()}
 
 
 def stated_sections(assignments: Sequence[str]) -> set[str]:
@@ -390,13 +383,10 @@ def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
     if stated_friction.replaces(a, b):
         return False
-    kinds = {
-        (
-            bool({"channel", "unit"} & x.keys()),
-            any("channel" in entry for entry in x.values() if isinstance(entry, dict)),
-        )
-        for x in (a, b)
-    }
+    kinds = set()
+    for x in (a, b):
+        of_axles = any("channel" in entry for entry in x.values() if isinstance(entry, dict))
+        kinds.add((bool({"channel", "unit"} & x.keys()), of_axles))
     return kinds != {(True, False), (False, True)}
 
 
@@ -452,7 +442,7 @@ def sections() -> list[str]:
 def _numeric() -> "dict[str, methods.Tunable]":
     """The sections that hold numbers only."""
     kinds = {"slope": Params, "bands": Bands, "train": Train, "stops": StopSettings}
-    own_sections = {name: _Section(name, kind) for name, kind in kinds.items()}
+    own_sections = {name: ParameterSet(name, kind) for name, kind in kinds.items()}
     return {**estimator.registry(), **controller.registry(), **own_sections}
 
 
@@ -462,9 +452,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         if key not in section_names:
             raise unknown("setting", key, [*section_names, *vehicle_keys()])
         table_of(key, value)
-    overrides = {
-        key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
-    }
+    overrides = {k: _numbers(numeric[k], v) for k, v in tree.items() if k in numeric}
     bands, train = Bands(**overrides.pop("bands", {})), Train(**overrides.pop("train", {}))
     stops = StopSettings(**overrides.pop("stops", {}))
     mappings, time_options = _channels(tree.get("channels", {}))
@@ -472,7 +460,9 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     for name, types in READ_KEYS.items():
         options |= _fields(name, tree.get(name, {}), types)
     options["named_channels"] = tuple(m.channel for m in mappings if m.channel)
-    options = _files(_marks(options)) | {k: v for k, v in read.items() if v is not None}
+    # marks are stated by their names, too
+    marks = {k: MARKS.get(v, v) for k, v in options.items() if k in ("delimiter", "decimal")}
+    options = _files(options | marks) | {k: v for k, v in read.items() if v is not None}
     kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)
     for name in analysis.keys() - {"reference", "vehicle"}:
@@ -495,15 +485,9 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     )
 
 
-class _Section(NamedTuple):
-    name: str
-    Params: type[Any]
-
-
 def _numbers(tunable: methods.Tunable, table: Any) -> dict[str, float]:
-    numbers = {
-        k: plain_number(f"{tunable.name}.{k}", v) for k, v in table_of(tunable.name, table).items()
-    }
+    stated, name = table_of(tunable.name, table), tunable.name
+    numbers = {k: plain_number(f"{name}.{k}", v) for k, v in stated.items()}
     methods.validate(tunable, numbers)
     return numbers
 
@@ -605,9 +589,8 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
                 if axle and table["channel"]:
                     previous_place = places.setdefault((MEANINGS[key], axle), place)
                 if previous_place != place:
-                    text = (
-                        f"channels.{key} states axle {axle} twice: {previous_place!r} and {place!r}"
-                    )
+                    both = f"{previous_place!r} and {place!r}"
+                    text = f"channels.{key} states axle {axle} twice: {both}"
                     raise UserError(text, "leave one of them out, or state its axles", code=2)
                 mappings.append(Mapping(MEANINGS[key], axle, **table))
     for name in ("time_channel", "group_channel"):
@@ -657,11 +640,10 @@ def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...
 def _channel(key: str, table: Table) -> Table:
     """What an entry states of its channel, each value of its type."""
     section = f"channels.{key}"
-    sensor: Table = {
-        name: parameter(f"{section}.{name}", table[name], usual=0.0, least=tolerance)
-        for name, tolerance in _SENSOR_TOLERANCES.items()
-        if name in table
-    }
+    sensor: Table = {}
+    for name, least in _SENSOR_TOLERANCES.items():
+        if name in table:
+            sensor[name] = parameter(f"{section}.{name}", table[name], usual=0.0, least=least)
     table = _fields(section, {k: v for k, v in table.items() if k not in sensor}, CHANNEL_KEYS)
     if "zero" in sensor and "speed" in key:
         raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
@@ -745,11 +727,6 @@ def _channel_tables(meaning: Any) -> Any:
         key: _channel_tables(x) if key.partition(" ")[0] in PLACES else x
         for key, x in spaced.items()
     }
-
-
-def _marks(options: Tables) -> Table:
-    """The options with every mark that is stated by its name as the mark itself."""
-    return {k: MARKS.get(v, v) if k in ("delimiter", "decimal") else v for k, v in options.items()}
 
 
 def _files(options: Table) -> Table:

@@ -29,9 +29,8 @@ class SlipOfLog(NamedTuple):
 
 def slip_of(result: Result) -> SlipOfLog:
     """The slip of an analysed log."""
-    summaries, rail_findings = zip(
-        *(summary(axle, result.vehicle) for axle in result.axles), strict=True
-    )
+    pairs = [summary(axle, result.vehicle) for axle in result.axles]
+    summaries, rail_findings = zip(*pairs, strict=True)
     findings = [*result.findings, *(f for axle in rail_findings for f in axle)]
     return SlipOfLog(result, summaries, findings, find_route(result.log))
 
@@ -69,9 +68,8 @@ def _summarise_axle(slip: SlipOfLog, log: str, s: Summary) -> SlipSummary:
     start_ns = slip.result.log.start_ns()
     rails = {x.start: place.rail for place in s.places for x in place.slides}
     rail, delay = s.rail, s.delay
-    peak, mu, utilisation = (
-        (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
-    )
+    shown = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None, None, None)
+    peak, mu, utilisation = shown
     constants = rail.constants.items() if rail else ()
     return SlipSummary(
         log=log,

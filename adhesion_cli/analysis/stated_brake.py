@@ -132,11 +132,9 @@ def with_parameters(vehicle: Table) -> Table:
 def clamping_faces(vehicle: Table) -> float:
     """The pads or blocks of one axle that share its clamping force; 0 where nobody stated them."""
     if disc := vehicle.get("disc_brake"):
-        return math.prod(
-            parameter(f"vehicle.disc_brake.{key}", disc.get(key, usual)).value
-            for key, usual in _COUNTS["disc_brake"].items()
-            if key != "cylinders"
-        )
+        usual = {k: x for k, x in _COUNTS["disc_brake"].items() if k != "cylinders"}
+        stated = {f"vehicle.disc_brake.{key}": disc.get(key, x) for key, x in usual.items()}
+        return math.prod(parameter(name, entry).value for name, entry in stated.items())
     blocks = vehicle.get("tread_brake", {}).get("blocks", 0.0)
     return parameter("vehicle.tread_brake.blocks", blocks).value
 
@@ -197,10 +195,8 @@ def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
         hint = "state vehicle.wheel_diameter [m], too"
         raise UserError(f"{needed_by} needs the diameter of the wheels", hint, code=2)
     (default,) = Vehicle().wheel_radius
-    radii = [
-        parameter("vehicle.wheel_radius", entry, default.share)
-        for entry in (radius if isinstance(radius, list) else [radius])
-    ]
+    entries = radius if isinstance(radius, list) else [radius]
+    radii = [parameter("vehicle.wheel_radius", entry, default.share) for entry in entries]
     mean = sum(r.value for r in radii) / len(radii)
     quantities(Vehicle)["wheel_radius"].check("vehicle.wheel_radius", mean)
     return radii[0]._replace(value=mean)

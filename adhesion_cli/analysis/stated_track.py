@@ -31,9 +31,8 @@ def stated_track(table: Table) -> Track:
     if isinstance(entry, dict) and "profile" in entry:
         return _profile_track(entry)
     if isinstance(entry, dict) and "logs" in entry:
-        by_log = table_of(
-            "track.gradient.logs", table_of("track.gradient", entry, ["logs"])["logs"]
-        )
+        stated = table_of("track.gradient", entry, ["logs"])
+        by_log = table_of("track.gradient.logs", stated["logs"])
         names = [(pattern, f"track.gradient.logs.{pattern}") for pattern in by_log]
         return Track(gradients_of_logs=tuple((x, _gradient(y, by_log[x])) for x, y in names))
     return Track(_gradient("track.gradient", entry), stated=True)

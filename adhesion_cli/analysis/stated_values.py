@@ -54,9 +54,8 @@ def parameter(
     stated = {"value": entry} if not isinstance(entry, dict) else entry
     table_of(name, stated, Parameter._fields)
     value = plain_number(name, stated.get("value", usual))
-    tolerance = plain_number(
-        f"{name}.tolerance", stated.get("tolerance", max(share * abs(value), least))
-    )
+    usual_tolerance = max(share * abs(value), least)
+    tolerance = plain_number(f"{name}.tolerance", stated.get("tolerance", usual_tolerance))
     if tolerance < 0.0:
         text = f"{name}: tolerance = {tolerance:g} is out of range"
         raise UserError(text, "1 sigma, in the unit of the value: from 0", code=2)

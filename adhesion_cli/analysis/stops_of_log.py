@@ -48,15 +48,13 @@ def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSumm
     if signals is None:
         return ()
     start, stop = window
-    speed = signals.speed.cut(
-        -math.inf if start is None else start, math.inf if stop is None else stop
-    )
+    end = math.inf if stop is None else stop
+    speed = signals.speed.cut(-math.inf if start is None else start, end)
     if not len(speed.t):
         return ()
     gradient = find_gradient(log, settings.track)
-    stops = _measured(
-        signals._replace(speed=speed), settings.vehicle, settings.stops, gradient, log.start_ns()
-    )
+    signals, about = signals._replace(speed=speed), (settings.vehicle, settings.stops)
+    stops = _measured(signals, *about, gradient, log.start_ns())
     return tuple(_placed(stops, log))
 
 
@@ -112,13 +110,8 @@ def _with_adhesion(
                 total += shared * mu.mean
                 error += shared * mu.mean_u95  # one vehicle: its errors are common
     coefficient = Measured(total / seconds, *[error / seconds] * 2) if seconds else None
-    return replace(
-        stop,
-        coefficient=coefficient,
-        other_brake=other_brake,
-        slides=slides,
-        max_slip=max(slips, default=None),
-    )
+    stop = replace(stop, coefficient=coefficient, other_brake=other_brake)
+    return replace(stop, slides=slides, max_slip=max(slips, default=None))
 
 
 def _ed_share(stop: StopSummary, result: Result) -> Measured | None:

@@ -101,15 +101,9 @@ def _rows_used(result: Result) -> int:
     for channel in result.log.channels:
         if not channel.meaning:
             continue
-        segment_spans = [
-            axle.record.t[s][[0, -1]]
-            for axle in result.axles
-            if channel.axle in (None, axle.record.axle)
-            for s in axle.record.segments
-        ]
-        used_count = _count_between(segment_spans, channel.data.t) - _count_between(
-            segment_spans, channel.held
-        )
+        records = (a.record for a in result.axles if channel.axle in (None, a.record.axle))
+        spans = [r.t[s][[0, -1]] for r in records for s in r.segments]
+        used_count = _count_between(spans, channel.data.t) - _count_between(spans, channel.held)
         by_origin[channel.row_of] = max(by_origin.get(channel.row_of, 0), used_count)
     return sum(by_origin.values())
 

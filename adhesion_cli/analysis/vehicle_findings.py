@@ -154,9 +154,8 @@ def default_parameters(settings: Settings, by_pressure: bool) -> list[Finding]:
         if name.startswith("friction_") or not (by_pressure or name in wheel):
             continue
         considered += 1
-        own_values, paper_values = (
-            np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers)
-        )
+        both = (np.atleast_2d(getattr(v, name)) for v in (vehicle, papers))
+        own_values, paper_values = (x[:, 0].tolist() for x in both)
         if name not in settings.stated and own_values == paper_values:
             defaults[name] = f"{name} {paper_values[0]:g} {q.unit}".removesuffix(" -")
     if not defaults or settings.carries_vehicle:
@@ -199,15 +198,12 @@ def state_diameters(
         axle_names = [f"axle {a.record.axle}" for a in axles]
         kept_axle = next((x for x in axle_names if x not in ratios), axle_names[0])
         names["kept"] = f" Speeds in km/h show only ratios of diameters: {kept_axle} keeps its own."
-    base = (
-        {name: stated_diameters[kept_axle] / ratios.get(kept_axle, 1.0) for name in ratios}
-        if kept_axle
-        else stated_diameters
-    )
-    texts = [
-        f"{base[name] * ratios[name]:.4f}" if name in ratios else f"{diameter:.6g}"
-        for name, diameter in stated_diameters.items()
-    ]
+    base = stated_diameters
+    if kept_axle:
+        base = dict.fromkeys(ratios, base[kept_axle] / ratios.get(kept_axle, 1.0))
+    diameters = {name: f"{diameter:.6g}" for name, diameter in stated_diameters.items()}
+    diameters |= {x: f"{base[x] * ratio:.4f}" for x, ratio in ratios.items() if x in diameters}
+    texts = [*diameters.values()]
     names["diameters"] = f"[{','.join(texts)}]" if last_axle > 1 else texts[0]
     return [replace(f, names=names) if f.code == _CALIBRATED else f for f in findings]
 

@@ -172,17 +172,15 @@ def ripple(c: EstimateAndTarget) -> float | None:
     squares = []
     for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
         error = estimate - target
-        half_width = (
-            max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
-        )
+        interval = float(np.median(np.diff(t))) if len(t) > 5 else math.inf
+        half_width = max(_RIPPLE / 2.0, 2.0 * interval)
         quick = error - means_around(t, error, 2.0 * half_width)
         inside = (t - half_width >= t[0]) & (t + half_width <= t[-1])
         block = ((t - t[0]) / (2.0 * half_width)).astype(int)[inside]
         if len(block):
             count = np.bincount(block)
-            squares += list(
-                (np.bincount(block, quick[inside] ** 2) / np.maximum(count, 1))[count > 0]
-            )
+            sums = np.bincount(block, quick[inside] ** 2)
+            squares += (sums[count > 0] / count[count > 0]).tolist()
     return math.sqrt(float(np.median(squares))) if squares else None
 
 
@@ -223,14 +221,10 @@ def choose_target(
 ) -> tuple[Literal["truth", "reference"], Floats, tuple[slice, ...]]:
     """What an estimate is judged against (n,) [N], and in which parts: not while it starts."""
     applications = tuple(applications)
-    start_up_stop = {
-        s.start: s.stop for s in brake_applications.find_start_ups(record, applications)
-    }
-    applications = tuple(
-        slice(start, s.stop)
-        for s in applications
-        if (start := start_up_stop.get(s.start, s.start)) < s.stop
-    )
+    start_ups = brake_applications.find_start_ups(record, applications)
+    later_start = {s.start: s.stop for s in start_ups}
+    applications = tuple(slice(later_start.get(s.start, s.start), s.stop) for s in applications)
+    applications = tuple(s for s in applications if s.start < s.stop)
     if record.truth is not None and any(np.isfinite(record.truth[s]).any() for s in applications):
         return "truth", record.truth, applications
     return "reference", reference.force, applications
@@ -255,10 +249,9 @@ def score_estimates(
         noise = reference.sigma if against == "reference" else np.zeros(len(target))
         blocks = _blocks(record, estimate - target, noise, applications)
         sigma = (sigmas or {}).get(algo)
-        band = (
-            _band_metrics(estimate - target, sigma, applications) if c and sigma is not None else {}
-        )
-        values: dict[str, Any] = {**(measure(c) if c else {}), **band}
+        values: dict[str, Any] = dict(measure(c)) if c else {}
+        if c and sigma is not None:
+            values |= _band_metrics(estimate - target, sigma, applications)
         scores.append(Score(algo, against, **values, blocks=blocks))
     return rank(scores)
 
@@ -341,13 +334,11 @@ def pool_scores(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
         pooled = []
         for algo in dict.fromkeys(s.algo for s in all_scores if s.against == against):
             algo_scores = [s for s in all_scores if (s.algo, s.against) == (algo, against)]
-            rmse, bias, worst = np.array(
-                [(s.rmse_n, s.bias_n, s.max_error_n) for s in algo_scores]
-            ).T
+            errors_of = [(s.rmse_n, s.bias_n, s.max_error_n) for s in algo_scores]
+            rmse, bias, worst = np.array(errors_of).T
             rms, largest = float(np.sqrt(np.mean(rmse**2))), float(worst[np.argmax(np.abs(worst))])
-            band, mean_within = (
-                _mean([getattr(s, name) for s in algo_scores]) for name in ("band_n", "within")
-            )
+            band = _mean([s.band_n for s in algo_scores])
+            mean_within = _mean([s.within for s in algo_scores])
             blocks_there = [s.blocks for s in algo_scores if s.blocks is not None]
             joined = (np.concatenate(x) for x in zip(*blocks_there, strict=True))
             blocks = (next(joined), next(joined)) if len(blocks_there) == len(algo_scores) else None

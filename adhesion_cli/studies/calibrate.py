@@ -119,10 +119,9 @@ def calibrate(
     if acting:
         titles = ", ".join(p.name for p in paths)
         raise UserError(f"{titles}: {acting[-1].message}", acting[-1].hint or "")
-    logs = [
-        _used_log(log, aligned, move_axles(aligned.vehicle, mean, vehicle), settings)
-        for log, aligned in read_logs
-    ]
+    vehicles = [move_axles(aligned.vehicle, mean, vehicle) for aligned in aligned_logs]
+    pairs = zip(read_logs, vehicles, strict=True)
+    logs = [_used_log(log, aligned, v, settings) for (log, aligned), v in pairs]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
     evidence = [u.evidence for u in rolling]
@@ -164,9 +163,8 @@ def _one_vehicle(all_settings: Sequence[Settings]) -> None:
     """Refuses results of several vehicles, and tolerances that leave nothing to find."""
     vehicle = all_settings[0].vehicle
     if any(s.vehicle != vehicle for s in all_settings):
-        raise UserError(
-            "the logs state different vehicles", "state the one they share with -c FILE.toml"
-        )
+        hint = "state the one they share with -c FILE.toml"
+        raise UserError("the logs state different vehicles", hint)
     for name, share in (("friction", 0.1), ("axle_mass", 0.05)):
         p: Parameter = getattr(vehicle, name)
         if p.tolerance <= 0.0:
@@ -217,12 +215,9 @@ def _check_agreement(
     origin = np.array([prior[i].value for i in range(n)])
     slopes = solve.gradients(designs, joint.mean)
     for d, log_gradients in zip(designs, slopes, strict=True):
-        posterior = solve.search(
-            [d],
-            [solve.independent_samples(d, solve.residual(d, joint.mean, log_gradients))],
-            prior,
-            [joint.mean[:n]],
-        ).posterior()
+        left = solve.residual(d, joint.mean, log_gradients)
+        counts, start = solve.independent_samples(d, left), joint.mean[:n]
+        posterior = solve.search([d], [counts], prior, [start]).posterior()
         means.append(posterior.mean[:n] - origin)
         informations.append(np.linalg.inv(posterior.covariance[:n, :n]))
     total = P + sum(x - P for x in informations)
@@ -234,16 +229,12 @@ def _check_agreement(
         g = reference.mean_brake([d]).gradient
         difference = float(g @ (mean - D @ (pull - information @ mean)))
         variance = float(g @ (C + D - C @ P @ D - D @ P @ C) @ g) + log_to_log
-        worst = max(
-            worst, (abs(difference) / math.sqrt(max(variance, 1e-12)), i, difference, variance)
-        )
+        sigmas = abs(difference) / math.sqrt(max(variance, 1e-12))
+        worst = max(worst, (sigmas, i, difference, variance))
     sigmas, i, difference, variance = worst
     if sigmas > NormalDist().inv_cdf(1.0 - _FALSE_REFUSAL / (2.0 * len(designs))):
-        values = {
-            "share": math.expm1(difference),
-            "sigma_share": math.sqrt(variance),
-            "sigmas": sigmas,
-        }
+        values = {"share": math.expm1(difference), "sigma_share": math.sqrt(variance)}
+        values["sigmas"] = sigmas
         path = logs[i].log.path
         finding = Finding("logs-contradict", "error", values=values, names={"log": Path(path).name})
         raise UserError(f"{path}: {finding.message}", finding.hint or "")
@@ -256,13 +247,9 @@ def _check_plausible(
 ) -> None:
     """Refuses a parameter that the vehicle as stated cannot have, or that is at a bound."""
     change = (posterior.mean[: model.SHARED] - posterior.prior) / posterior.prior_sigma
+    sigmas = {n: (x.posterior - x.prior) / max(x.prior_u, 1e-12) for n, x in rows.items()}
     of_logarithm = {"force_over_mass": model.SCALE, "creep_stiffness": model.STIFFNESS}
-    sigmas = {
-        name: float(change[of_logarithm[name]])
-        if name in of_logarithm
-        else (row.posterior - row.prior) / max(row.prior_u, 1e-12)
-        for name, row in rows.items()
-    }
+    sigmas |= {name: float(change[i]) for name, i in of_logarithm.items() if name in rows}
     # A wheel that creeps less than usual is no fault; one that creeps more slid.
     sigmas["creep_stiffness"] = min(sigmas.get("creep_stiffness", 0.0), 0.0)
     bounds = quantities(Vehicle)

@@ -76,10 +76,8 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
             vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
             if len(group.places) > 1:
                 brakes[place - 1] = find_log_brake(logs[place - 1], group_settings)
-    return [
-        _holding_own_brake(vehicle, brake, settings.vehicle)
-        for vehicle, brake in zip(vehicles, brakes, strict=True)
-    ]
+    pairs = zip(vehicles, brakes, strict=True)
+    return [_holding_own_brake(x, brake, settings.vehicle) for x, brake in pairs]
 
 
 def _holding_own_brake(

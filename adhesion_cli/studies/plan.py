@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..analysis.stated_values import table_of
 from ..core import toml
 from ..core.errors import UserError, unknown
 from ..stops.series import QUANTITIES, GroupLimit
@@ -99,11 +100,9 @@ def read_plan(path: Path) -> Plan:
     if not groups:
         raise UserError(f"{path}: no group", _HINT, code=2)
     names = [group.name for group in groups]
-    comparison = _table(path, tables, "compare")
-    if unused := comparison.keys() - {"pairs"}:
-        raise unknown("key of [compare]", min(unused), ["pairs"])
+    comparison = table_of("compare", _table(path, tables, "compare"), ["pairs"])
     pairs = _pairs(path, names, "compare", comparison)
-    wsp = _table(path, tables, "wsp")
+    wsp = table_of("wsp", _table(path, tables, "wsp"), sorted(_WSP_KEYS))
     stated_rails = [_known(path, names, wsp[k]) for k in _RAILS if k in wsp]
     if len(stated_rails) == 1:
         hint = 'state both, as [wsp] dry = "NAME" and wet = "NAME"'
@@ -113,8 +112,6 @@ def read_plan(path: Path) -> Plan:
     if not isinstance(volume, int | float) or volume < 0.0:
         text = f"{path}: wsp.reservoir_volume = {volume!r} is no volume"
         raise UserError(text, "in litres, for example reservoir_volume = 150", code=2)
-    if unused := wsp.keys() - _WSP_KEYS:
-        raise unknown("key of [wsp]", min(unused), sorted(_WSP_KEYS))
     stated_limits = {"": _table(path, tables, "limits")} | {g.name: g.limits for g in groups}
     limits = tuple(
         limit._replace(group=group)
@@ -159,14 +156,11 @@ def _group(path: Path, name: str, entry: Any) -> PlannedGroup:
     place = f"{path}: group.{name}"
     if not isinstance(entry, dict) or not entry.get("logs"):
         raise UserError(f"{place} names no logs", 'for example logs = ["old_*.csv"]', code=2)
-    values: toml.Table = {}
-    for key, value in entry.items():
-        if key not in _GROUP_KEYS:
-            raise unknown(f"key of [group.{name}]", key, list(_GROUP_KEYS))
+    values = dict(table_of(f"group.{name}", entry, _GROUP_KEYS))
+    for key, value in values.items():
         kind = _GROUP_KEYS[key]
         if not isinstance(value, (int, float) if kind is float else kind):
             raise UserError(f"{place}.{key} = {value!r} is no {_KIND_NAMES[kind]}", _HINT, code=2)
-        values[key] = value
     if "rail" in values and values["rail"] not in _RAILS:
         raise unknown(f"rail of [group.{name}]", values["rail"], list(_RAILS))
     values["logs"] = tuple(map(str, values["logs"]))

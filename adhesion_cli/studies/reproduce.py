@@ -124,12 +124,11 @@ def reproduce(
     Fewer of the seeds of the noise are used where it matters little.
     """
     progress("constant adhesion")
-    alternatives: list[Json] = [
-        {"reading": r.text, "condition": "constant", "algo": algo}
-        | _measure_constant(r, algo, seeds[:10])
-        for r in ALTERNATIVES
-        for algo in r.algos
-    ]
+    alternatives = list[Json]()
+    for reading, algo in [(x, algo) for x in ALTERNATIVES for algo in x.algos]:
+        measured = _measure_constant(reading, algo, seeds[:10])
+        about = {"reading": reading.text, "condition": "constant", "algo": algo}
+        alternatives.append({**about, **measured})
     constant = {algo: _table_2(algo, seeds, alternatives) for algo in PUBLISHED}
     progress("varying adhesion")
     varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
@@ -190,12 +189,8 @@ def _table_2(algo: str, seeds: Sequence[int], alternatives: Sequence[Json]) -> J
         and a["response_s"] is not None
         and abs(a["response_s"] / response - 1.0) <= _MATCH_SHARE
     )
-    return {
-        **row,
-        "paper_response_s": response,
-        "paper_max_error_n": error,
-        "max_error_matched_by": next(matching, None),
-    }
+    printed_row = {"paper_response_s": response, "paper_max_error_n": error}
+    return {**row, **printed_row, "max_error_matched_by": next(matching, None)}
 
 
 def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) -> Json:
@@ -296,14 +291,8 @@ def _measure_varying(
             squares.append(float(np.mean((F - true_force) ** 2)))
         ratio = complex(np.mean(ratios))
         phase = -float(np.angle(ratio)) % (2.0 * np.pi)  # an estimate is late, never early
-        rows.append(
-            {
-                "frequency_hz": frequency,
-                "rmse_n": float(np.sqrt(np.mean(squares))),
-                "lag_s": phase / (2.0 * np.pi * frequency),
-                "gain": abs(ratio),
-            }
-        )
+        row = {"frequency_hz": frequency, "rmse_n": float(np.sqrt(np.mean(squares)))}
+        rows.append(row | {"lag_s": phase / (2.0 * np.pi * frequency), "gain": abs(ratio)})
     scenario_row = next(row for row in rows if row["frequency_hz"] == 0.5)
     return {**{key: scenario_row[key] for key in ("rmse_n", "lag_s", "gain")}, "frequency": rows}
 

@@ -113,14 +113,8 @@ def tune(
             f"but {checked.rmse:.4g} N ({checked.default_rmse:.4g} N before) on those held back",
             "keep the parameters, or name more logs that are alike",
         )
-    return Tuned(
-        est,
-        default_parameters._asdict(),
-        best._asdict(),
-        tuned,
-        checked,
-        tuple(dict.fromkeys(findings)),
-    )
+    parameters = default_parameters._asdict(), best._asdict()
+    return Tuned(est, *parameters, tuned, checked, tuple(dict.fromkeys(findings)))
 
 
 def rmse(est: Estimator, p: Any, axles: Sequence[TunedAxle]) -> float:
@@ -159,12 +153,8 @@ def document(tuned: Tuned, outputs: dict[str, str]) -> Json:
     """The document of `tune`; `outputs` are the files written, by format."""
 
     def errors(share: Errors) -> Json:
-        return {
-            "logs": len(share.logs),
-            "rmse_n": share.rmse,
-            "default_rmse_n": share.default_rmse,
-            "paths": list(share.logs),
-        }
+        figures = {"rmse_n": share.rmse, "default_rmse_n": share.default_rmse}
+        return {"logs": len(share.logs), **figures, "paths": list(share.logs)}
 
     return tagged(
         "tune",

@@ -64,9 +64,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     axles_left = list(range(len(x)))
     while len(axles_left) > 1:
         other_axles = {i: [j for j in axles_left if j != i] for i in axles_left}
-        departures = [
-            o for i in axles_left if (o := _find_departure(g, x, slid, i, other_axles[i]))
-        ]
+        trials = (_find_departure(g, x, slid, i, other_axles[i]) for i in axles_left)
+        departures = [o for o in trials if o]
         only_two = len(axles_left) == 2
         if not only_two:
             departures.sort(key=lambda o: (o.steady, -np.abs(o.difference[o.mask]).sum()))
@@ -124,16 +123,11 @@ def _ratio(x: Floats, level: Floats, selected: Bools) -> float:
     ratios = np.sort(x[selected] / level[selected])
     if len(ratios) < FEWEST:
         return 1.0
-    lower, upper = (
-        np.searchsorted(ratios, (1.0 + sign * _RATIO_WIDTH) * np.append(ratios, 1.0))
-        for sign in (-1.0, 1.0)
-    )
-    counts = upper - lower
-    return (
-        1.0
-        if counts[-1] >= _RATIO_SHARE * len(ratios)
-        else float(ratios[int(np.argmax(counts[:-1]))])
-    )
+    candidates = np.append(ratios, 1.0)
+    counts = np.searchsorted(ratios, (1.0 + _RATIO_WIDTH) * candidates)
+    counts -= np.searchsorted(ratios, (1.0 - _RATIO_WIDTH) * candidates)
+    is_usual = counts[-1] >= _RATIO_SHARE * len(ratios)
+    return 1.0 if is_usual else float(ratios[int(np.argmax(counts[:-1]))])
 
 
 def _departure_finding(p: Params, s: Scene, o: _Departure, only_two: bool) -> Finding:

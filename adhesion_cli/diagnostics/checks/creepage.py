@@ -75,9 +75,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if share_sigma < p.sure * max(share, 1.0) and (share + u95 < p.least or is_more):
             values = {"share": share, "share_u95": u95}
             names = {"axle": str(s.axles[i].record.axle)}
-            yield s.finding(
-                "axle-force-suspect", "warning", s.axles[i].brake, None, i, values, names
-            )
+            brake = s.axles[i].brake
+            yield s.finding("axle-force-suspect", "warning", brake, None, i, values, names)
 
 
 def _creepages(s: Scene, v: Floats) -> _Creepages | None:

@@ -47,15 +47,11 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     first_axles: dict[str, int] = {}  # a channel may serve several axles
     for i, a in enumerate(s.axles):
         first_axles.setdefault(a.brake.title, i)
-    rests = {
-        i: released_level
-        for i in first_axles.values()
-        if (released_level := _released_brake(p, s, i))
-    }
-    for i, released_level in rests.items():
-        other_levels = [other_level.level for j, other_level in rests.items() if j != i]
-        yield from _offset(p, s, i, released_level, other_levels)
-        yield from _drift(p, s, i, released_level.top)
+    rests = [(i, rest) for i in first_axles.values() if (rest := _released_brake(p, s, i))]
+    for i, rest in rests:
+        other_levels = [other_rest.level for j, other_rest in rests if j != i]
+        yield from _offset(p, s, i, rest, other_levels)
+        yield from _drift(p, s, i, rest.top)
 
 
 def _released_brake(p: Params, s: Scene, i: int) -> _Rest | None:
@@ -86,15 +82,11 @@ def _offset(
     other_level = min(other_levels, key=abs, default=level)
     # A cylinder that is still being released is above another one, too, and falls.
     lower_level, upper_level = np.quantile(s.grid.pressure[i][rest.mask], [0.1, 0.9])
-    is_steady = rest.mask.sum() * s.grid.step > p.steady and upper_level - lower_level < abs(
-        level - other_level
-    )
-    smallest_difference = max(p.apart, 1.1 * a.brake.step)
-    differs = (
-        is_steady
-        and abs(level) > abs(other_level)
-        and abs(level - other_level) > smallest_difference
-    )
+    difference = abs(level - other_level)
+    lasts = rest.mask.sum() * s.grid.step > p.steady
+    is_steady = lasts and upper_level - lower_level < difference
+    is_farther = abs(level) > abs(other_level) and difference > max(p.apart, 1.1 * a.brake.step)
+    differs = is_steady and is_farther
     if not differs and abs(level) < max(p.share * rest.top, p.least):
         return
     if abs(level) < 2.0 * a.brake.zero.tolerance:  # its zero is reported as not known
@@ -126,9 +118,8 @@ def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
     if abs(last_level - first_level) < max(p.drift, 1.1 * brake.step, stated_drift):
         return
     values = {"first_bar": first_level / 1e5, "last_bar": last_level / 1e5}
-    option = _option(
-        s, brake, (first_level + last_level) / 2.0, abs(last_level - first_level) / math.sqrt(12.0)
-    )
+    sigma = abs(last_level - first_level) / math.sqrt(12.0)
+    option = _option(s, brake, (first_level + last_level) / 2.0, sigma)
     yield s.finding("pressure-zero-drift", "warning", brake, None, i, values, {"option": option})
 
 

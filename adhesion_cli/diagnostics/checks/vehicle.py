@@ -44,7 +44,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         yield from _no_vehicle(p, s)
         return
     factor = max((line.scale, line.factor), key=lambda x: abs(math.log(max(x, 1e-3))))
-    if factor > 0.0 and not _within_tolerance(p, s, factor):
+    largest = math.log1p(p.sigmas * longitudinal.tolerance(s.vehicle))
+    if factor > 0.0 and abs(math.log(factor)) >= largest:
         yield _vehicle_finding(p, s, factor)
     if delay_or_line:
         yield s.finding("delay-or-vehicle", "info", s.axles[0].brake)
@@ -59,10 +60,6 @@ def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
         factor = float(np.median(s.grid.braking[braked]) / (s.by_rolling * np.median(K[braked])))
         if factor > 0.0 and not 0.02 < factor < 50.0 and _units(p, s, factor):
             yield _vehicle_finding(p, s, factor)
-
-
-def _within_tolerance(p: Params, s: Scene, factor: float) -> bool:
-    return abs(math.log(factor)) < math.log1p(p.sigmas * longitudinal.tolerance(s.vehicle))
 
 
 def _vehicle_finding(p: Params, s: Scene, factor: float) -> Finding:
@@ -109,9 +106,8 @@ def _units(p: Params, s: Scene, factor: float) -> list[str]:
 
     def pressed(times: float) -> bool:
         pressure = times * g.pressure[np.isfinite(g.pressure)]
-        return is_near_one(
-            factor * K / max(float(np.mean(clamping_force(pressure, vehicle))), 1e-9)
-        )
+        mean_force = float(np.mean(clamping_force(pressure, vehicle)))
+        return is_near_one(factor * K / max(mean_force, 1e-9))
 
     # The train's deceleration is the train speed's, where there is one.
     by_train = a.train if g.train is not None else None

@@ -81,9 +81,8 @@ def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> floa
         return 1.0
     unbraked = _is_unbraked(g, i) & (reference > CRAWL) & (g.rim[i] > CRAWL)
     if unbraked.any():  # an unbraked wheel does not slide
-        differs = min(
-            differs, 2.0 * abs(float(np.median(reference[unbraked] / g.rim[i][unbraked])) - 1.0)
-        )
+        unbraked_scale = float(np.median(reference[unbraked] / g.rim[i][unbraked]))
+        differs = min(differs, 2.0 * abs(unbraked_scale - 1.0))
     elif g.train is None and g.step > 0.5:  # a steady slide looks the same
         return 1.0
     clear = differs >= allowed and differs * float(np.nanmedian(reference)) >= 2.0 * floor
@@ -145,9 +144,8 @@ def _unit(s: Scene, i: int, scale: float, all_differ: bool) -> Finding:
         "units": join_units(candidates),
         "option": " or ".join(options) or toml.option(f'channels.{wheel}.unit = "km/h"'),
     }
-    return s.finding(
-        "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
-    )
+    values = {"factor": 1.0 / scale}
+    return s.finding("speed-unit-suspect", "warning", a.speed, None, i, values, names)
 
 
 def _agree(scale: float, factor: float) -> bool:
