@@ -22,14 +22,13 @@ from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
 from ..records.motor_forces import judge_motor_forces
-from ..records.other_brakes import other_brake_findings
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
-from ..train.brake_steps import find_brake_steps
 from ..train.deceleration_cause import explain_deceleration
 from ..train.grid import Grids, build_grids, on_gradient, without_pressures
 from ..train.mean_axle import mass_at_rim, mean_axle
+from ..train.other_brakes import find_brake_steps, other_brake_findings
 from ..train.track import Gradient, find_gradient
 
 

@@ -14,8 +14,8 @@ from .options import Shared, option, shared
 if TYPE_CHECKING:
     from ..core.annotated import Json
     from ..core.finding import Finding
-    from ..wsp.comparison import Compared
     from ..wsp.plant import RailConditions
+    from ..wsp.replay import Compared
     from ..wsp.scenario import Scenario
     from ..wsp.stop import Stop
     from ..wsp.wsp_controller import Settings as Stated

@@ -1,5 +1,7 @@
 """Runs of True in a mask: where they are, what lies deep in them, and their spans of time."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,11 @@ def edges(mask: Bools) -> NDArray[np.int64]:
     change[1:-1] = mask[1:] != mask[:-1]
     change[0], change[-1] = (mask[0], mask[-1]) if len(mask) else (False, False)
     return np.flatnonzero(change).reshape(-1, 2)
+
+
+def runs_within(mask: Bools, segments: Iterable[slice]) -> list[slice]:
+    """Each run of True in a mask (n,), none across two segments of it."""
+    return [slice(s.start + a, s.start + b) for s in segments for a, b in true_runs(mask[s])]
 
 
 def erode(mask: Bools, j: int) -> Bools:

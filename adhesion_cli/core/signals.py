@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .masks import true_runs
+from .masks import runs_within, true_runs
 from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
 
@@ -150,12 +150,7 @@ def _lowest(record: AxleRecord) -> float:
 
 def moving(record: AxleRecord) -> list[slice]:
     """The segments without the times in which the wheel stands."""
-    is_moving = ~standing(record)
-    return [
-        slice(s.start + start, s.start + stop)
-        for s in record.segments
-        for start, stop in true_runs(is_moving[s])
-    ]
+    return runs_within(~standing(record), record.segments)
 
 
 def driven(record: AxleRecord, radius: float) -> Bools:

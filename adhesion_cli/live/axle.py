@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ..core import estimator, physics, time_axis
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..core.model import Z95, Parameter, Vehicle
+from ..core.model import Z95, AxleRecord, Parameter, Vehicle
 from ..core.physics import SLIDE
 from ..rail.events import END_SLIP
 from ..records import outliers, screen
@@ -88,7 +89,6 @@ class Measuring(NamedTuple):
     of_rim: bool = False  # the wheel speed is ωR, and was divided by the vehicle's R
     pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
     thresholds: screen.Thresholds = screen.DEFAULT
-    creepage_doubt: float = 0.0  # no live axle is compared with the others
 
 
 class _Clock:
@@ -129,6 +129,13 @@ class LiveAxle:
         vehicle = vehicle.of_axle(measuring.axle)
         self._vehicle, self._algos = vehicle, algos
         self._wheelset = physics.wheelset(vehicle, measuring.axle)
+        column = np.empty(0)
+        columns = np.empty(0, np.int64), column, column, column, ()  # no sample
+        self._record = AxleRecord(measuring.axle, *columns, of_rim=measuring.of_rim)
+        pressure = None if measuring.pressure is None else column
+        self._record = replace(
+            self._record, pressure=pressure, pressure_zero=measuring.pressure_zero
+        )
         self._line = physics.force_line(vehicle)
         self._states: dict[str, Any] = {}
         self._wheel, self._brake, self._run = (_Clock(measuring.max_gap) for _ in range(3))
@@ -307,7 +314,7 @@ class LiveAxle:
         w, vehicle = self._wheelset, self._vehicle
         by_motors, sigma = self._motor_part
         columns: Any = (K - by_motors, w.a * (F - w.phi * K), y * w.radius)  # (1)
-        variance, mass = by_tolerances(self._measuring, vehicle, *columns)
+        variance, mass = by_tolerances(self._record, vehicle, *columns)
         return math.sqrt(max(float(variance), 0.0) + sigma**2), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.masks import true_runs
+from ..core.masks import runs_within, true_runs
 from ..core.model import Bools, Event, Floats, Regions, Times
 from ..core.physics import SLIDE, WORKING
 from .slope import REGION_TITLES
@@ -46,7 +46,7 @@ class Slide(NamedTuple):
 
 
 def slides(  # noqa: PLR0913 (one column each)
-    segment: slice,
+    segments: Iterable[slice],
     t: Times,
     v: Floats,
     s: Floats,
@@ -56,14 +56,13 @@ def slides(  # noqa: PLR0913 (one column each)
     noise: Floats | None = None,
     brake: Floats | None = None,
 ) -> Iterator[Slide]:
-    """Slides in a segment, in the order of time.
+    """Slides in the order of time, none across two segments.
 
     All columns have shape (n,): times [ns], train speed [m/s], slip, slip minus its possible error,
     adhesion force [N]; and `noise` of slip, which a slide must exceed, and `brake` force at the rim
     [N]. `is_lower_bound` is as in `Slide`.
     """
-    for start, stop in true_runs(certain_slip[segment] > END_SLIP):
-        samples = slice(segment.start + start, segment.start + stop)
+    for samples in runs_within(certain_slip > END_SLIP, segments):
         seconds = (t[samples] - t[samples.start]) * 1e-9
         deep: Bools = certain_slip[samples] > SLIDE + (0.0 if noise is None else noise[samples])
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:

@@ -1,10 +1,11 @@
 """When a wheel is locked: it stands while the train is fast, and not only in the last metres."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.masks import true_runs
+from ..core.masks import runs_within
 from ..core.model import AxleRecord, Floats
 from ..core.physics import SLOW, STANDING
 from .speed_errors import CLEAR_SIGMAS, speed_error
@@ -26,18 +27,21 @@ class Lock(NamedTuple):
     duration: float  # [s]
 
 
-def find_locks(t: Floats, v: Floats, rim: Floats, limits: LockLimits) -> list[Lock]:
-    """The locks of a wheel, in the order of time.
+def find_locks(
+    t: Floats,
+    v: Floats,
+    rim: Floats,
+    limits: LockLimits,
+    segments: Iterable[slice] = (slice(0, None),),
+) -> list[Lock]:
+    """The locks of a wheel, in the order of time, none across two segments.
 
     Times [s], speeds of train and rim [m/s] have shape (n,); a speed is NaN where it is not known.
     """
-    locks = []
     with np.errstate(invalid="ignore"):
-        for start, stop in true_runs((rim < STANDING) & (v > limits.speed)):
-            duration = float(t[stop - 1] - t[start])
-            if duration > limits.shortest:
-                locks.append(Lock(slice(start, stop), duration))
-    return locks
+        runs = runs_within((rim < STANDING) & (v > limits.speed), segments)
+    locks = [Lock(x, float(t[x.stop - 1] - t[x.start])) for x in runs]
+    return [lock for lock in locks if lock.duration > limits.shortest]
 
 
 def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list[Lock]:
@@ -49,11 +53,5 @@ def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list
         return []
     with np.errstate(invalid="ignore"):  # a train that stands has no slip, nor an error of it
         least_speed = record.train_speed * (1.0 - CLEAR_SIGMAS * speed_error(record))
-    locks = []
-    for s in record.segments:
-        seconds: Floats = (record.t[s] - record.t[s.start]) * np.float64(1e-9)
-        rim = record.wheel_speed[s] * radius
-        for x in find_locks(seconds, least_speed[s], rim, limits):
-            samples = slice(s.start + x.samples.start, s.start + x.samples.stop)
-            locks.append(x._replace(samples=samples))
-    return locks
+    seconds = (record.t - record.t[0]) * np.float64(1e-9)
+    return find_locks(seconds, least_speed, record.wheel_speed * radius, limits, record.segments)

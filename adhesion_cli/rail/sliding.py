@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.masks import true_runs
+from ..core.masks import runs_within
 from ..core.model import AxleRecord, AxleResult, Floats
 from . import events
 from .events import END_SLIP, Slide
@@ -30,15 +30,14 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     """
     record, slides = axle.record, []
     assert record.train_speed is not None
-    columns = record.t, record.train_speed, s, certain, axle.reference.force
+    columns = record.segments, record.t, record.train_speed, s, certain, axle.reference.force
     is_lower_bound = record.train_speed_made or has_uncertain_delay(record)
     depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
-    for segment in record.segments:
-        for x in events.slides(segment, *columns, is_lower_bound, depth, axle.reference.brake):
-            earlier_t = record.t[: x.samples.start]
-            brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
-            if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():
-                slides.append(x)
+    for x in events.slides(*columns, is_lower_bound, depth, axle.reference.brake):
+        earlier_t = record.t[: x.samples.start]
+        brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
+        if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():
+            slides.append(x)
     return slides
 
 
@@ -67,10 +66,6 @@ def find_creep(record: AxleRecord, s: Floats) -> list[slice]:
     speed's delay, which may hide a wheel at its limit.
     """
     s = s if record.train_speed_late is None else certain_slip(record, s)
-    is_creeping, runs = (s > END_SLIP) & (record.clamping_force > 0.0), []
-    for segment in record.segments:
-        for start, stop in true_runs(is_creeping[segment]):
-            run = slice(segment.start + start, segment.start + stop)
-            if record.t[run.stop - 1] - record.t[run.start] >= _SHORTEST_CREEP * 1e9:
-                runs.append(run)
-    return runs
+    runs = runs_within((s > END_SLIP) & (record.clamping_force > 0.0), record.segments)
+    shortest = _SHORTEST_CREEP * 1e9
+    return [x for x in runs if record.t[x.stop - 1] - record.t[x.start] >= shortest]

@@ -130,14 +130,8 @@ def step(  # noqa: PLR0913 (a compiled step on plain floats)
 ) -> State:
     """State one sample later. After a sample without slip or μ (standstill) it starts anew.
 
-    Args:
-        p: parameters.
-        s: state at the sample before.
-        h: interval since then [s].
-        slip: s [-], NaN where it does not exist.
-        mu: adhesion coefficient [-].
-        slip_noise: σ_s, 1 sigma of the slip's noise [-].
-        mu_noise: σ_μ, the same of μ [-].
+    `h` is the interval since `s` [s]. Slip and μ are NaN where they do not exist; `slip_noise` and
+    `mu_noise` are σ_s and σ_μ, 1 sigma of their noise [-].
     """
     if not (math.isfinite(slip) and math.isfinite(mu) and math.isfinite(s.slip)):
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
@@ -195,12 +189,7 @@ def region(slip: float, slope: float, bands: Bands) -> int:
 
     The AND-test is true in `optimal` only. Outside the slip band, slip alone decides: `below` or
     `beyond`. Inside it the slope decides: `below` above its band, `beyond` below its band,
-    `unknown` where the slope is not observable.
-
-    Args:
-        slip: s [-], NaN where it does not exist.
-        slope: dμ/ds [-], NaN where not observable.
-        bands: the preset domains.
+    `unknown` where the slope is not observable. Slip and slope dμ/ds [-] are NaN where not known.
     """
     if not math.isfinite(slip):
         return 0

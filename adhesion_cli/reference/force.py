@@ -7,13 +7,13 @@ then be anything up to φK.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core import innovations
 from ..core.masks import true_runs
-from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
+from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, means_around, moving, running_integral, white_noise
 from . import run_out, smoother
@@ -122,30 +122,6 @@ def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tupl
     return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + mass
 
 
-class AxleMeasurement(Protocol):
-    """What says how an axle is measured: its record, or live its channels."""
-
-    @property
-    def axle(self) -> int:
-        """Its number."""
-
-    @property
-    def of_rim(self) -> bool:
-        """Whether the wheel speed was logged as ωR."""
-
-    @property
-    def pressure(self) -> object:
-        """None where K itself was logged."""
-
-    @property
-    def pressure_zero(self) -> Parameter:
-        """What was taken off the pressure [Pa]."""
-
-    @property
-    def creepage_doubt(self) -> float:
-        """1 sigma of the brake force, as a share, where creepage contradicts it."""
-
-
 def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
     """K as the pads have it that lag by `vehicle.friction_lag` (n,) [N].
 
@@ -161,7 +137,7 @@ def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
 
 
 def by_tolerances(
-    record: AxleMeasurement,
+    record: AxleRecord,
     vehicle: Vehicle,
     K: Floats,
     dw: Floats,
@@ -178,7 +154,7 @@ def by_tolerances(
 
 
 def contributions(
-    record: AxleMeasurement,
+    record: AxleRecord,
     vehicle: Vehicle,
     K: Floats,
     dw: Floats,

@@ -353,7 +353,7 @@ def _stop_streams(stop: Stop, i: int, vehicle: model.Vehicle) -> Iterator[_Strea
 def _stop_events(stop: Stop, i: int) -> Iterator[Event]:
     """What truly happened to an axle of a stop, counted from 0, and the regions judged."""
     all_rows, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
-    slides = events.slides(all_rows, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
+    slides = events.slides([all_rows], stop.t, stop.train_speed, s, s, stop.force[:, i], False)
     yield from events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i])
     for lock_start, lock_stop in masks.true_runs(wheel == LOCKED):
         begin, stop_time = stop.t[[lock_start, min(lock_stop, len(stop.t) - 1)]].tolist()

@@ -28,12 +28,12 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from statistics import NormalDist
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import physics, toml
+from ..core import physics, threads, toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Parameter, Result, Times, Vehicle
@@ -50,7 +50,6 @@ from ..train.grid import GRADIENT_SIGMA
 from ..train.longitudinal import DRAG_OF_TRAINS, RESISTANCE_OF_TRAINS, tolerance
 from . import closed_loop, replay_rail
 from .closed_loop import Logged
-from .comparison import Compared, Values, compared, intervals, on_all_cores
 from .plant import RailConditions
 from .replay_rail import RailUnderAxle, SlidCourse
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
@@ -72,6 +71,18 @@ _LEVEL_STRIDE = 10  # samples of a slide's level between two knots of the rail
 _CLOSE = 0.02  # of a distance: a smaller difference is one of the curve's shape
 _LOCKS = 0.5  # least slip of a wheel that locks: the log does not show its force
 _LOGGED_INTERVAL = 0.01  # between samples of the logged stop [s]
+
+
+Values = dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+Job = TypeVar("Job")
+JobAnswer = TypeVar("JobAnswer")
+
+
+class Compared(NamedTuple):
+    """A controller compared with the others."""
+
+    patent_less_this_m: tuple[float, float, float] | None  # difference of the distances
+    shortest: float  # share of the stops in which it has the shortest distance
 
 
 class Case(NamedTuple):
@@ -594,3 +605,42 @@ def _track(
 def _without_excess(rail: Condition) -> Condition:
     """The rail with kA and kS of at most those of (3) without reduction."""
     return rail._replace(k_a=min(rail.k_a, 1.0), k_s=min(rail.k_s, 1.0))
+
+
+def compared(by_law: Mapping[str, Sequence[Verdict]]) -> dict[str, Compared]:
+    """Each controller compared with the others, by its stops: the same rail in each place."""
+    distances = {law: [v.stopping_distance_m for v in stops] for law, stops in by_law.items()}
+    smallest = np.min(list(distances.values()), axis=0)
+    is_unique = np.sum(np.array(list(distances.values())) == smallest, axis=0) == 1
+    answers = {}
+    for law, runs in distances.items():
+        saving = np.subtract(distances["patent"], runs).tolist()
+        first_share = float(np.mean((np.array(runs) == smallest) & is_unique))
+        answers[law] = Compared(interval(saving) if law != "patent" else None, first_share)
+    return answers
+
+
+def on_all_cores(
+    run_job: Callable[[Job], JobAnswer], jobs: Sequence[Job], progress: Callable[[str], None]
+) -> list[JobAnswer]:
+    """`run_job` of every job, in the order of the jobs; compile shared functions before."""
+    results: list[JobAnswer] = []
+    for x in threads.run_ahead(run_job, jobs):
+        results.append(x)
+        progress(f"{len(results)} of {len(jobs)} done")
+    return results
+
+
+def interval(values: Sequence[float | None]) -> tuple[float, float, float] | None:
+    """Median, 2.5 % and 97.5 % quantile of the values; None without a value."""
+    finite = [x for x in values if x is not None]
+    if not finite:
+        return None
+    lower, middle, upper = np.quantile(finite, [0.025, 0.5, 0.975]).tolist()
+    return middle, lower, upper
+
+
+def intervals(stops: Sequence[Verdict]) -> Values:
+    """`interval` of every field of the verdicts."""
+    columns = zip(*stops, strict=True)
+    return {k: interval(x) for k, x in zip(Verdict._fields, columns, strict=True)}

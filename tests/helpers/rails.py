@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from adhesion_cli.wsp.closed_loop import ESTIMATOR, dry_distance, run, verdict
-from adhesion_cli.wsp.comparison import on_all_cores
+from adhesion_cli.wsp.replay import on_all_cores
 from adhesion_cli.wsp.scenario import Film, Rail, Scenario, Section
 from adhesion_cli.wsp.stop import Verdict
 from adhesion_cli.wsp.wsp_controller import Settings

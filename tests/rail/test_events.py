@@ -13,7 +13,7 @@ LOCKED = SLIP >= 1.0
 
 def slide(force: np.ndarray) -> Slide:
     t = np.round(T * 1e9).astype(np.int64)
-    (found,) = slides(slice(0, len(T)), t, V, SLIP, SLIP, force, is_lower_bound=False)
+    (found,) = slides([slice(0, len(T))], t, V, SLIP, SLIP, force, is_lower_bound=False)
     return found
 
 
@@ -43,7 +43,7 @@ def test_a_lock_has_a_slip_of_one_whatever_the_noise_of_its_sensor() -> None:
     t = np.round(T * 1e9).astype(np.int64)
     slip = SLIP + np.where(LOCKED, 0.01 * np.sin(50.0 * T), 0.0)
     force = np.where(LOCKED, np.nan, 3000.0)
-    (found,) = slides(slice(0, len(T)), t, V, slip, slip, force, is_lower_bound=False)
+    (found,) = slides([slice(0, len(T))], t, V, slip, slip, force, is_lower_bound=False)
     assert found.max_slip == 1.0
 
 

@@ -1,4 +1,6 @@
-"""A brake without a channel that ends, or begins, while the pressure of all axles is constant.
+"""Brakes that are in no pressure: those of which a channel says that they act, and others.
+
+A brake without a channel ends, or begins, while the pressure of all axles is constant.
 
 A magnetic track brake drops at low speed within some tenths of a second. All axles then slow less
 at the same pressure. The speed of each is a parabola with a bend:
@@ -9,17 +11,20 @@ fitted to the seconds before and after each time. What lies close to the bend is
 gradient, no friction and no slide that leaves the wheels together has a sudden and large d.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.finding import Finding
 from ..core.masks import erode, spans_of_mask, true_runs
-from ..core.model import Bools
+from ..core.model import OTHER_BRAKES, Bools, Channel, Log
 from ..core.physics import CRAWL, RELEASED_SHARE
+from ..records.axle_channels import AxleChannels
+from ..records.faults import View
 from .grid import Grid
 
+_ACTING_SHARE = 0.1  # of the highest value of a channel: from there its brake acts
 _COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
 _WINDOW, _TRANSITION = 2.5, 0.4  # before and after a change, and its own half [s]
 _LEAST_CHANGE = 0.25  # a gradient that changes by 2.5 % does so over the length of a train [m/s²]
@@ -28,6 +33,37 @@ _SIGMAS = 8.0  # from which a change is no noise; it is coloured
 _AXLE_SHARE = 0.5  # of the change of all axles, that each one shows at least
 _SLIP = 0.03  # of a wheel that rolls, at most
 _CONSTANT = 0.05  # change of a constant K, as a share of it
+
+
+def other_brake_findings(
+    log: Log, axles: Sequence[AxleChannels], view: View
+) -> tuple[Finding, ...]:
+    """A finding for each brake that acts while the train moves, with its times."""
+    findings = []
+    for c in log.channels:
+        if c.meaning not in OTHER_BRAKES or not len(c.data.t):
+            continue
+        size = np.abs(c.data.value)
+        acting = size > _ACTING_SHARE * float(np.max(size, initial=0.0))
+        acting &= _is_moving(c, axles) & view.contains(c.data.t)
+        if not (runs := true_runs(acting)):
+            continue
+        spans = spans_of_mask(acting, c.data.t, view.start_ns)
+        name = str(c.meaning).replace("_", " ").replace("magnetic", "magnetic track")
+        names = {"reason": f"The {name} is on while the train moves"}
+        findings.append(Finding("other-brake", "warning", c.title, len(runs), spans, {}, names))
+    return tuple(findings)
+
+
+def _is_moving(c: Channel, axles: Sequence[AxleChannels]) -> Bools:
+    """Whether any wheel turns at the times of a channel, (n,)."""
+    is_moving = np.zeros(len(c.data.t), dtype=np.bool_)
+    for a in axles:
+        r = a.record
+        order = np.argsort(r.t, kind="stable")
+        rim = r.wheel_speed[order] * a.vehicle.wheel_radius[0].value
+        is_moving |= np.interp(c.data.t, r.t[order], rim, left=0.0, right=0.0) > CRAWL
+    return is_moving
 
 
 def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:

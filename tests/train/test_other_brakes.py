@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from adhesion_cli.core.model import Floats
-from adhesion_cli.train.brake_steps import find_brake_steps
 from adhesion_cli.train.grid import Grid
+from adhesion_cli.train.other_brakes import find_brake_steps
 
 STEP = 0.25
 T = np.arange(0.0, 60.0, STEP)
