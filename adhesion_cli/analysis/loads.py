@@ -12,16 +12,7 @@ import numpy as np
 from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import (
-    CarAxle,
-    Channel,
-    Load,
-    Log,
-    Parameter,
-    Quantity,
-    Vehicle,
-    quantities,
-)
+from ..core.model import CarAxle, Channel, Load, Log, Parameter, Quantity, Vehicle, quantities
 from ..core.physics import BAR
 from ..core.toml import Table
 from ..train.mean_axle import vehicle_of_axles

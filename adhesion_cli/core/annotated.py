@@ -6,7 +6,7 @@ field with `model.NOT_IN_JSON` as metadata is for programs only.
 """
 
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from types import UnionType
@@ -15,6 +15,7 @@ from typing import Annotated, Any, get_args, get_origin
 from .model import Quantity
 
 Json = dict[str, Any]  # what `json.dumps` takes
+Progress = Callable[[str], None]  # receives a line at each step
 T = typing.TypeVar("T")
 
 

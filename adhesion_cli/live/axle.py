@@ -314,7 +314,7 @@ class LiveAxle:
         w, vehicle = self._wheelset, self._vehicle
         by_motors, sigma = self._motor_part
         columns: Any = (K - by_motors, w.a * (F - w.phi * K), y * w.radius)  # (1)
-        variance, mass = by_tolerances(self._record, vehicle, *columns)
+        variance, mass = by_tolerances(self._record, vehicle, *columns, earlier=None)
         return math.sqrt(max(float(variance), 0.0) + sigma**2), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:

@@ -28,18 +28,14 @@ class Lock(NamedTuple):
 
 
 def find_locks(
-    t: Floats,
-    v: Floats,
-    rim: Floats,
-    limits: LockLimits,
-    segments: Iterable[slice] = (slice(0, None),),
+    t: Floats, v: Floats, rim: Floats, limits: LockLimits, runs: Iterable[slice] = (slice(None),)
 ) -> list[Lock]:
-    """The locks of a wheel, in the order of time, none across two segments.
+    """The locks of a wheel, in the order of time, none across two runs.
 
     Times [s], speeds of train and rim [m/s] have shape (n,); a speed is NaN where it is not known.
     """
     with np.errstate(invalid="ignore"):
-        runs = runs_within((rim < STANDING) & (v > limits.speed), segments)
+        runs = runs_within((rim < STANDING) & (v > limits.speed), runs)
     locks = [Lock(x, float(t[x.stop - 1] - t[x.start])) for x in runs]
     return [lock for lock in locks if lock.duration > limits.shortest]
 

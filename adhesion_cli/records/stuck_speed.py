@@ -43,10 +43,7 @@ class Params(NamedTuple):
 
 
 def find_wheel_faults(
-    p: Params,
-    channels: Channels,
-    repeats: Mapping[Key, RepeatedRuns],
-    axles: Sequence[AxleChoice],
+    p: Params, channels: Channels, repeats: Mapping[Key, RepeatedRuns], axles: Sequence[AxleChoice]
 ) -> dict[Key, list[Fault]]:
     """Where each wheel speed is stuck; `repeats` has where a channel repeats a value."""
     faults = {}

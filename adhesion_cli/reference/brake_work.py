@@ -26,7 +26,7 @@ def brake_work(record: AxleRecord, vehicle: Vehicle, pieces: Iterable[slice]) ->
     phi, rim = axle_vehicle.friction.value, record.wheel_speed * vehicle.radius(record.axle).value
     friction = record.friction_clamping_smooth
     friction = friction * physics.friction_share(rim, friction, axle_vehicle)
-    terms = contributions(record, axle_vehicle, friction, np.zeros(len(rim)), rim)
+    terms = contributions(record, axle_vehicle, friction, np.zeros(len(rim)), rim, None)
     spans = list(pieces)
 
     def work(force: Floats) -> float:

@@ -315,5 +315,5 @@ def _band(
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
     columns = (np.array([x]) for x in (K, dw, brake_point.speed + brake_point.faster))
-    contributions = force.contributions(record, v, *columns)
+    contributions = force.contributions(record, v, *columns, earlier=None)
     return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))

@@ -16,6 +16,7 @@ from .noise_fit import (
     switching_regimes,
     take_samples,
 )
+from .smoother import MeasurementNoise, Prior, Runs, UnbrokenRun
 
 _FEW = 100  # fewer samples of a brake may be all bends
 _MEDIAN_SQUARE = 0.455  # of a standard normal value
@@ -48,9 +49,9 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
     variance, decades = white_noise((r.t, r.y) for r in all_pieces), 2.0
     if sum(len(r.t) for r in all_pieces) < _FEW:
         variance, decades = min(variance, _noise_of_bends(all_pieces)), 0.5
-    guess = smoother.MeasurementNoise(max(variance, floor), 0.0, rough)
+    guess = MeasurementNoise(max(variance, floor), 0.0, rough)
     regimes = switching_regimes(np.zeros(3), 3.0 * scale)
-    prior = smoother.Prior(guess, [decades, 0.0, 2.0, 2.0, 0.0], floor)
+    prior = Prior(guess, [decades, 0.0, 2.0, 2.0, 0.0], floor)
     noise, _ = smoother.fit(take_samples(all_pieces), regimes, prior)
     clamping = []
     for r, run_pieces in zip(runs, pieces, strict=True):
@@ -68,7 +69,7 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
     return clamping
 
 
-def _noise_of_bends(pieces: list[smoother.UnbrokenRun]) -> float:
+def _noise_of_bends(pieces: Runs) -> float:
     """Variance of the white noise, by fourth differences; infinite where there is none.
 
     From one sample to the next a slow log shows how a brake bends, and that looks like noise. Noise
@@ -88,7 +89,7 @@ def _braked_spans(run: AxleRecord) -> list[slice]:
     return [s for s in spans if s.stop - s.start > 1]
 
 
-def _piece(run: AxleRecord, s: slice) -> smoother.UnbrokenRun:
+def _piece(run: AxleRecord, s: slice) -> UnbrokenRun:
     """The pressure's own samples of a piece, not those interpolated to the wheel's times.
 
     A slow pressure that repeats its value is taken as sampled as often as where it changes.
@@ -106,4 +107,4 @@ def _piece(run: AxleRecord, s: slice) -> smoother.UnbrokenRun:
             is_sample[start + np.round(np.linspace(0, stop - 1 - start, count)).astype(int)] = True
     is_sample[[0, -1]] = True
     zeros = np.zeros((5, np.sum(is_sample)))
-    return smoother.UnbrokenRun((t - t[0])[is_sample], K[is_sample], *zeros)
+    return UnbrokenRun((t - t[0])[is_sample], K[is_sample], *zeros)

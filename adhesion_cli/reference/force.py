@@ -16,32 +16,16 @@ from ..core.masks import true_runs
 from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, means_around, moving, running_integral, white_noise
-from . import run_out, smoother
+from . import noise_fit, run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
-from .noise_fit import (
-    FLOOR,
-    LIKELY,
-    NEVER,
-    NO_BRAKING,
-    SLACK,
-    ValueAndSigma,
-    common_noise,
-    fit_again,
-    fit_regimes,
-    largest_bend,
-    median_step,
-    mix_estimates,
-    probability_of_means,
-    rate_of_change,
-    seconds_of,
-    take_samples,
-)
+from .noise_fit import LIKELY, SLACK, Slack, ValueAndSigma, median_step, rate_of_change, seconds_of
 from .pulses import count_pulses, counts_together, informative_samples, pulse_means, remove_steps
+from .smoother import MeasurementNoise, Regimes, Runs, UnbrokenRun
 
 ZERO = "pressure_zero"  # name of the budget's row for the zero that was taken off
 CREEPAGE = "creepage"  # and for a brake force that the creepage of the axle contradicts
 _SHORTEST = 8  # least samples of a run: fewer do not show their noise
-_COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
+_COUNTER_SLACK: Slack = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the pressure [s]
@@ -137,39 +121,29 @@ def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
 
 
 def by_tolerances(
-    record: AxleRecord,
-    vehicle: Vehicle,
-    K: Floats,
-    dw: Floats,
-    speed: Floats,
-    earlier: Floats | None = None,
+    record: AxleRecord, vehicle: Vehicle, K: Floats, dw: Floats, v: Floats, earlier: Floats | None
 ) -> tuple[Any, Any]:
     """Variance of the force [N²] by the vehicle's tolerances, and its covariance with ln m [N].
 
     Arguments as of `contributions`: arrays, or numbers for one sample.
     """
-    by_name = contributions(record, vehicle, K, dw, speed, earlier)
+    by_name = contributions(record, vehicle, K, dw, v, earlier)
     mass = {"axle_mass": vehicle.axle_mass.share}
     return vehicle.covariance(by_name, by_name), vehicle.covariance(by_name, mass)
 
 
 def contributions(
-    record: AxleRecord,
-    vehicle: Vehicle,
-    K: Floats,
-    dw: Floats,
-    speed: Floats,
-    earlier: Floats | None = None,
+    record: AxleRecord, vehicle: Vehicle, K: Floats, dw: Floats, v: Floats, earlier: Floats | None
 ) -> dict[str, Floats]:
     """By how much each tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 
     Every parameter varies on its own, at measured ω and p, or K if the log has K. A speed logged in
     m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there. `K` is
     that of the friction brake, with the friction's change over speed; `earlier` that before the lag
-    of the pads, from `before_lag`, None where K is steady. `speed` is ωR [m/s].
+    of the pads, from `before_lag`, None where K is steady. `v` is ωR [m/s].
     """
     R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
-    fade, speed_difference = vehicle.friction_fade, speed - vehicle.friction_speed.value
+    fade, speed_difference = vehicle.friction_fade, v - vehicle.friction_speed.value
     by_fade = phi.value * K * speed_difference / (1.0 + fade.value * speed_difference)
     by_radius = (-2.0 if record.of_rim else -1.0) * dw * inertia.value / R.value**2
     terms = {
@@ -209,18 +183,20 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         return []
     clamping = smooth_clamping(runs)
     highest = max(float(c.K.max()) for c in clamping)
-    scale = w.a * w.phi * max(highest, NO_BRAKING)  # of δ, if all of φK went missing
+    scale = w.a * w.phi * max(highest, noise_fit.NO_BRAKING)  # of δ, if all of φK went missing
     counts, step = counts_together(max(runs, key=len)), runs[0].wheel_speed_step
     wheel = [_rolling_run(r, x, c.K, w) for r, x, c in zip(runs, ripples, clamping, strict=True)]
     if counts:
         triples = zip(runs, ripples, wheel, strict=True)
         informative = [pulse_means(r, x, run, counts) for r, x, run in triples]
         # The errors of successive means are correlated, those of every second one are not.
-        fitted_to = [smoother.UnbrokenRun(*(c[::2].copy() for c in run)) for run in informative]
+        fitted_to = [UnbrokenRun(*(c[::2].copy() for c in run)) for run in informative]
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
         wheel = [
-            run._replace(own_variance=run.own_variance + common_noise(run, r.wheel_speed_steps))
+            run._replace(
+                own_variance=run.own_variance + noise_fit.common_noise(run, r.wheel_speed_steps)
+            )
             for r, run in zip(runs, wheel, strict=True)
         ]
         informative = fitted_to = [informative_samples(run) for run in wheel]
@@ -228,39 +204,42 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         slack, white = SLACK, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
     rough = scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
-    prior = smoother.MeasurementNoise(noise, _SHARE * scale, rough)
-    fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
+    prior = MeasurementNoise(noise, _SHARE * scale, rough)
+    fitted, regimes = noise_fit.fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
     slides = len(regimes.start) > 1 and not counts
     lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if slides else 0.0
     if lag > 0.0:
         clamping, wheel = _delay(runs, clamping, wheel, lag, w)
         informative = fitted_to = [informative_samples(run) for run in wheel]
-        fitted = fit_again(fitted_to, regimes, prior, slack, fitted)
+        fitted = noise_fit.fit_again(fitted_to, regimes, prior, slack, fitted)
     pairs = zip(wheel, informative, strict=True)
     rates = [rate_of_change(*pair, regimes, fitted) for pair in pairs]
-    averaged, judged = 0.0, _Judged(fitted_to, fitted)
+    averaged, judged, level = 0.0, fitted_to, fitted
     if not counts and not lag and not runs[0].pressure_late.value:  # these look alike
-        averaged, mean_rates, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
+        known = runs, wheel, informative, fitted, regimes, prior
+        averaged, mean_rates, means, noise_of_means = _as_means(*known)
         if mean_rates:
-            rates = [mix_estimates(*pair, averaged) for pair in zip(rates, mean_rates, strict=True)]
-        judged = means if averaged > LIKELY else judged
-    squares = [_rolling_squares(run, regimes, judged.noise) for run in judged.runs]
+            rates = [
+                noise_fit.mix_estimates(*pair, averaged)
+                for pair in zip(rates, mean_rates, strict=True)
+            ]
+        if averaged > LIKELY:
+            judged, level = means, noise_of_means
+    squares = [_rolling_squares(run, regimes, level) for run in judged]
     rolls = len(regimes.start) == 1 and _sparse(runs)
     force_of = _between_samples if rolls else _noise
     forces = [force_of(*pair, w) for pair in zip(clamping, rates, strict=True)]
-    level = math.inf if counts else judged.noise.measurement  # a count is a mean, not a level
+    variance = math.inf if counts else level.measurement  # a count is a mean, not a level
     estimates, runs_of_wheel = [], zip(forces, rates, squares, wheel, clamping, strict=True)
     for (K, sigma), (rate, _), z2, run, c in runs_of_wheel:
-        speed_sigma = np.maximum(np.sqrt(level + run.own_variance), np.abs(_misfit(run, rate)))
+        speed_sigma = np.maximum(np.sqrt(variance + run.own_variance), np.abs(_misfit(run, rate)))
         clamping_sigma = w.phi * np.hypot(c.sigma, c.missed)
         by_noise = speed_sigma, clamping_sigma
         estimates.append(RunEstimate(K, rate, sigma, averaged, z2, *by_noise, lag))
     return estimates
 
 
-def _rolling_squares(
-    run: smoother.UnbrokenRun, regimes: smoother.Regimes, noise: smoother.MeasurementNoise
-) -> Floats:
+def _rolling_squares(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Floats:
     """Normalised innovations squared of a wheel that rolls, (m,).
 
     Where a slide begins or ends, the rail decides them and not the noise of the speed.
@@ -274,7 +253,7 @@ def _rolling_squares(
     return scores[judged] ** 2
 
 
-def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
+def _regains_grip(run: UnbrokenRun, K: Floats) -> bool:
     """Whether the wheel gains clearly speed in a braking: only one that slid does.
 
     A braking goes on while the wheel slide protection vents the brake and fills it again.
@@ -293,7 +272,7 @@ def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
     return False
 
 
-def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
+def _misfit(run: UnbrokenRun, rate: Floats) -> Floats:
     """By how much each speed departs from the estimated ω̇, within half a second (n,) [rad/s].
 
     A peak of a few samples that the smoother takes for noise departs by more than its sigma.
@@ -302,19 +281,14 @@ def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
     return drift - means_around(run.t, drift, _MISFIT_TIME)
 
 
-class _Judged(NamedTuple):
-    runs: list[smoother.UnbrokenRun]
-    noise: smoother.MeasurementNoise
-
-
 def _as_means(
     runs: list[AxleRecord],
-    wheel: list[smoother.UnbrokenRun],
-    informative: list[smoother.UnbrokenRun],
-    fitted: smoother.MeasurementNoise,
-    regimes: smoother.Regimes,
-    prior: smoother.MeasurementNoise,
-) -> tuple[float, list[ValueAndSigma], _Judged]:
+    wheel: Runs,
+    informative: Runs,
+    fitted: MeasurementNoise,
+    regimes: Regimes,
+    prior: MeasurementNoise,
+) -> tuple[float, list[ValueAndSigma], Runs, MeasurementNoise]:
     """The probability that speeds are means since the last one, the rates then, and the samples.
 
     Where samples are sparse, nothing shows it: both are as likely. Without a probability there are
@@ -324,18 +298,20 @@ def _as_means(
     means = [informative_samples(run, mean=True) for run in wheel]
     probability, noise = 0.5, fitted
     if not _sparse(runs):
-        probability, noise = probability_of_means(informative, means, fitted, regimes, prior)
-    pairs = zip(wheel, means, strict=True) if probability > NEVER else ()
+        probability, noise = noise_fit.probability_of_means(
+            informative, means, fitted, regimes, prior
+        )
+    pairs = zip(wheel, means, strict=True) if probability > noise_fit.NEVER else ()
     rates = [rate_of_change(*pair, regimes, noise) for pair in pairs]
-    return probability, rates, _Judged(means, noise)
+    return probability, rates, means, noise
 
 
 def _most_likely_lag(
     runs: list[AxleRecord],
     clamping: list[SmoothedClamping],
-    wheel: list[smoother.UnbrokenRun],
-    regimes: smoother.Regimes,
-    noise: smoother.MeasurementNoise,
+    wheel: Runs,
+    regimes: Regimes,
+    noise: MeasurementNoise,
     w: Wheelset,
 ) -> float:
     """By how much the pads lag the pressure [s]; 0 if no lag is clearly more likely.
@@ -349,7 +325,7 @@ def _most_likely_lag(
     likelihoods = []
     for lag in _LAGS:
         _, delayed = _delay(runs, clamping, wheel, lag, w)
-        sample = take_samples([informative_samples(run) for run in delayed])
+        sample = noise_fit.take_samples([informative_samples(run) for run in delayed])
         likelihoods.append(smoother.likelihood(sample, regimes, noise))
     best = int(np.argmax(likelihoods))
     is_clear = likelihoods[best] > likelihoods[0] + _LAG_NATS
@@ -359,10 +335,10 @@ def _most_likely_lag(
 def _delay(
     runs: list[AxleRecord],
     clamping: list[SmoothedClamping],
-    wheel: list[smoother.UnbrokenRun],
+    wheel: Runs,
     lag: float,
     w: Wheelset,
-) -> tuple[list[SmoothedClamping], list[smoother.UnbrokenRun]]:
+) -> tuple[list[SmoothedClamping], Runs]:
     """K as the pads have it that lag by `lag` [s], and the runs with it."""
     pairs = zip(map(seconds_of, runs), clamping, strict=True)
     clamping = [c._replace(K=np.interp(t - lag, t, c.K)) for t, c in pairs]
@@ -389,7 +365,9 @@ def _between_samples(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> V
     variance_here = rate[1] ** 2
     variance_there = np.interp(n, measured_index, rate[1][measured_index] ** 2)
     missed = (w.phi * c.missed) ** 2
-    gain = missed / np.maximum(missed + (variance_here + variance_there) / rate_per_force**2, FLOOR)
+    gain = missed / np.maximum(
+        missed + (variance_here + variance_there) / rate_per_force**2, noise_fit.FLOOR
+    )
     K = c.K - gain * departure / rate_per_force / w.phi
     rate_gain = gain / (1.0 - w.rolling)
     variance = (1.0 - gain) ** 2 * missed + (
@@ -408,18 +386,18 @@ def _sparse(runs: list[AxleRecord]) -> bool:
     return bool(measured < _RATE_SHARE * interpolated)
 
 
-def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.UnbrokenRun:
+def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> UnbrokenRun:
     """The run as a rolling wheel: ω̇ known from K except δ."""
     t = seconds_of(run)
     y, own_variance = remove_steps(t, run.wheel_speed, run.wheel_speed_steps)
-    return smoother.UnbrokenRun(
+    return UnbrokenRun(
         t, y - ripple, **_inputs(t, K, w), own_variance=own_variance, span=np.zeros(len(t))
     )
 
 
 def _inputs(t: Floats, K: Floats, w: Wheelset) -> dict[str, Floats]:
     u = -rolling_deceleration(w) * K
-    bend = np.diff(t, prepend=0.0) * largest_bend(u) / 8.0  # as by a kink in u half way
+    bend = np.diff(t, prepend=0.0) * noise_fit.largest_bend(u) / 8.0  # as by a kink in u half way
     return {"u": u, "s": w.a * w.phi * w.rolling * K, "input_variance": bend**2}
 
 

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from ..core.model import AxleRecord, Floats
 from ..core.signals import running_integral, white_noise
 from . import smoother
+from .smoother import MeasurementNoise, Prior, Regimes, Runs, UnbrokenRun
 
 _FITTED_SAMPLES = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
 NO_BRAKING = 100.0  # clamping force below which there is no braking [N]
-SLACK: tuple[float, ...] = (0.5, 0.5)  # slack of coupling and rolling [nats], see `smoother.Prior`
+Slack = tuple[float, ...]  # of coupling and regimes [nats], see `smoother.Prior`
+SLACK: Slack = (0.5, 0.5)  # of coupling and rolling
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEAR_NATS = 15.0  # nats by which slides must be more likely
 _NATS = 3.0  # of a likelihood without correlated errors that count as one
@@ -46,10 +48,7 @@ ValueAndSigma = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
 
 
 def rate_of_change(
-    all_samples: smoother.UnbrokenRun,
-    run: smoother.UnbrokenRun,
-    regimes: smoother.Regimes,
-    noise: smoother.MeasurementNoise,
+    all_samples: UnbrokenRun, run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise
 ) -> ValueAndSigma:
     """ω̇ and its 1 sigma at the times of `all_samples`, estimated from `run`; shape (n,)."""
     x = smoother.smooth(run, regimes, noise)
@@ -61,12 +60,8 @@ def rate_of_change(
 
 
 def probability_of_means(
-    instants: list[smoother.UnbrokenRun],
-    means: list[smoother.UnbrokenRun],
-    noise: smoother.MeasurementNoise,
-    regimes: smoother.Regimes,
-    prior: smoother.MeasurementNoise,
-) -> tuple[float, smoother.MeasurementNoise]:
+    instants: Runs, means: Runs, noise: MeasurementNoise, regimes: Regimes, prior: MeasurementNoise
+) -> tuple[float, MeasurementNoise]:
     """Probability that readings are means since the one before, and the noise levels for that.
 
     The effect of K on ω̇ shows it: at once, or half an interval later.
@@ -97,12 +92,8 @@ def largest_bend(x: Floats) -> Floats:
 
 
 def fit_regimes(
-    runs: list[smoother.UnbrokenRun],
-    interval: float,
-    scale: float,
-    prior: smoother.MeasurementNoise,
-    slack: tuple[float, ...],
-) -> tuple[smoother.MeasurementNoise, smoother.Regimes]:
+    runs: Runs, interval: float, scale: float, prior: MeasurementNoise, slack: Slack
+) -> tuple[MeasurementNoise, Regimes]:
     """Noise levels for a wheel that only rolls, or also slides if that is clearly more likely.
 
     A slow log only rolls: a slide of a few samples cannot be recognised.
@@ -121,39 +112,33 @@ def fit_regimes(
     return sliding_noise._replace(rough=np.append(sliding_noise.rough, prior.rough[3])), leaping
 
 
-def switching_regimes(follow: Floats, spread: float) -> smoother.Regimes:
+def switching_regimes(follow: Floats, spread: float) -> Regimes:
     """Rolling, sliding, changing and, where `follow` has a fourth, leaping.
 
     Arguments as of `smoother.Regimes`.
     """
     count, start = len(follow), _START_PROBABILITIES[: len(follow)]
-    return smoother.Regimes(follow, _RATES[:count, :count].copy(), start / start.sum(), spread)
+    return Regimes(follow, _RATES[:count, :count].copy(), start / start.sum(), spread)
 
 
 def fit_again(
-    runs: list[smoother.UnbrokenRun],
-    regimes: smoother.Regimes,
-    prior: smoother.MeasurementNoise,
-    slack: tuple[float, ...],
-    start_noise: smoother.MeasurementNoise,
-) -> smoother.MeasurementNoise:
-    """Noise levels of runs that changed a little since `start_noise` was fitted.
+    runs: Runs, regimes: Regimes, prior: MeasurementNoise, slack: Slack, near: MeasurementNoise
+) -> MeasurementNoise:
+    """Noise levels of runs that changed a little since `near` was fitted.
 
     The fit is without leaps: it would take a leap for noise.
     """
     count = min(len(regimes.start), _FITTED)
     fitted = switching_regimes(_FOLLOW[:count], regimes.spread)
-    start_noise = start_noise._replace(rough=start_noise.rough[:count])
+    near = near._replace(rough=near.rough[:count])
     sample, levels = take_samples(runs), _prior(count, prior, slack)
-    noise, _ = smoother.fit(sample, fitted, levels, start_noise)
+    noise, _ = smoother.fit(sample, fitted, levels, near)
     return noise._replace(rough=np.append(noise.rough, prior.rough[count : len(regimes.start)]))
 
 
-def _prior(
-    count: int, prior: smoother.MeasurementNoise, slack: tuple[float, ...]
-) -> smoother.Prior:
+def _prior(count: int, prior: MeasurementNoise, slack: Slack) -> Prior:
     guess = prior._replace(rough=prior.rough[:count])
-    return smoother.Prior(guess, _DECADES[: 2 + count], FLOOR, slack)
+    return Prior(guess, _DECADES[: 2 + count], FLOOR, slack)
 
 
 def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
@@ -163,7 +148,7 @@ def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
     return largest_bend(x)[right] * fraction * (1.0 - fraction)
 
 
-def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
+def common_noise(run: UnbrokenRun, steps: Floats) -> float:
     """Variance to add to that of white noise, where neighbouring readings have common errors.
 
     Vibration and run-out move the means of slices of time more than white noise does. A fit of
@@ -204,7 +189,7 @@ def _slices(t: Floats, duration: float) -> tuple[NDArray[np.int64], NDArray[np.i
     return starts, np.diff(starts, append=len(t))
 
 
-def _spectral_peak(run: smoother.UnbrokenRun) -> float:
+def _spectral_peak(run: UnbrokenRun) -> float:
     """Variance of the white noise as strong as the strongest vibration of a wheel without brake.
 
     The spectrum is that of Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70, of blocks that
@@ -230,12 +215,12 @@ def seconds_of(run: AxleRecord) -> Floats:
     return since
 
 
-def median_step(runs: list[smoother.UnbrokenRun]) -> float:
+def median_step(runs: Runs) -> float:
     """Median interval [s]."""
     return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
 
 
-def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]:
+def take_samples(runs: Runs) -> Runs:
     """The runs, or blocks of a long log for the fit: half spread evenly, half the roughest.
 
     Slides are rare, and noise levels fitted without them would be wrong for them.
@@ -243,14 +228,13 @@ def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]
     if sum(len(r.t) for r in runs) <= _FITTED_SAMPLES:
         return runs
     starts = [(r, i) for r in runs for i in range(0, len(r.t), _BLOCK)]
-    blocks = [smoother.UnbrokenRun(*(x[i : i + _BLOCK] for x in r)) for r, i in starts]
+    blocks = [UnbrokenRun(*(x[i : i + _BLOCK] for x in r)) for r, i in starts]
     count = min(_FITTED_SAMPLES // _BLOCK // 2, len(blocks))
-    roughest = np.argsort([-_roughness(b) for b in blocks], kind="stable")[:count]
+    means = []
+    for b in blocks:
+        first, sizes = _slices(b.t, _SLIDE_SLICE)  # vibration has no part in its changes of slope
+        means.append(np.add.reduceat(b.y, first) / sizes)
+    roughness = [float(np.sum(np.diff(x, 2) ** 2)) for x in means]
+    roughest = np.argsort([-x for x in roughness], kind="stable")[:count]
     spread = np.linspace(0, len(blocks) - 1, count).astype(int)
     return [blocks[i] for i in sorted({*roughest, *spread})]
-
-
-def _roughness(run: smoother.UnbrokenRun) -> float:
-    """By how much the slope of a run changes from slice to slice: vibration has no part in it."""
-    starts, sizes = _slices(run.t, _SLIDE_SLICE)
-    return float(np.sum(np.diff(np.add.reduceat(run.y, starts) / sizes, 2) ** 2))

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..core.model import AxleRecord, Floats
 from ..core.signals import bends, running_integral
-from . import smoother
 from .noise_fit import seconds_of
+from .smoother import UnbrokenRun
 
 _PULSES = 24.0  # of a counter that give a speed to a few percent
 _COUNT_NOISE = 0.18  # noise of its counts in pulses²; 0.28 where all phases occur, rounding 0.08
@@ -64,9 +64,7 @@ def count_pulses(run: AxleRecord) -> float:
     return pulses if pulses < _PULSES and (mean < step or counts_together(run) > 0) else math.inf
 
 
-def pulse_means(
-    run: AxleRecord, ripple: Floats, rolling: smoother.UnbrokenRun, m: int
-) -> smoother.UnbrokenRun:
+def pulse_means(run: AxleRecord, ripple: Floats, rolling: UnbrokenRun, m: int) -> UnbrokenRun:
     """A counter's run in means over m samples, at their middle, of the level without ∫u.
 
     The only error is the rounding at both ends of a mean. A sample counts the interval before it,
@@ -86,7 +84,7 @@ def pulse_means(
     own_variance = np.full(len(y), run.wheel_speed_step**2 / 6.0 / m**2)
     s = np.interp(middle, t, rolling.s)
     variances = input_variance, own_variance
-    return smoother.UnbrokenRun(middle, y, np.zeros(len(y)), s, *variances, stop - start)
+    return UnbrokenRun(middle, y, np.zeros(len(y)), s, *variances, stop - start)
 
 
 def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -132,7 +130,7 @@ def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     return np.where(dither, y, level), np.where(dither, variance, own_variance)
 
 
-def informative_samples(run: smoother.UnbrokenRun, mean: bool = False) -> smoother.UnbrokenRun:
+def informative_samples(run: UnbrokenRun, mean: bool = False) -> UnbrokenRun:
     """The informative samples, of the level without ∫u; the run itself if all are.
 
     A step of the smoother without a measurement would only blur its regimes. With `mean`, each
@@ -146,7 +144,7 @@ def informative_samples(run: smoother.UnbrokenRun, mean: bool = False) -> smooth
     gained = np.mean([np.interp(x, t, running_integral(t, run.u)) for x in (start, t)], axis=0)
     middle = (start + t) / 2.0
     input_variance = np.interp(middle, t, np.cumsum(run.input_variance))[informative]
-    return smoother.UnbrokenRun(
+    return UnbrokenRun(
         middle[informative],
         (run.y - gained)[informative],
         np.zeros(np.sum(informative)),

@@ -44,6 +44,9 @@ class UnbrokenRun(NamedTuple):
     span: Floats  # y is the mean over this time about t [s]; 0 where it is the level at t
 
 
+Runs = list[UnbrokenRun]
+
+
 class Regimes(NamedTuple):
     """What the regimes are; M of them, the first is the calm one."""
 

@@ -4,7 +4,7 @@ The mathematics is that of `reference.calibrated_vehicle`.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
@@ -17,7 +17,7 @@ from ..analysis.prepare import AlignedLog, align_log, diagnose_log
 from ..analysis.request import load_vehicle, read_log
 from ..analysis.settings import Settings, tree
 from ..core import toml
-from ..core.annotated import Json
+from ..core.annotated import Json, Progress
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
@@ -78,9 +78,7 @@ class CalibrationRun(NamedTuple):
 
 
 def calibrate(
-    paths: Sequence[Path | Signals],
-    settings: Settings,
-    progress: Callable[[str], None] = lambda _: None,
+    paths: Sequence[Path | Signals], settings: Settings, progress: Progress = lambda _: None
 ) -> CalibrationRun:
     """Calibrates one vehicle.
 
@@ -90,6 +88,7 @@ def calibrate(
     """
     all_settings: list[Settings] = []
     read_logs: list[tuple[Log, AlignedLog]] = []
+    titles = ", ".join(p.name for p in paths)
     for path in paths:
         progress(f"reading {path.name}")
         settings_of_log, log = read_log(path, settings)
@@ -117,7 +116,6 @@ def calibrate(
         names = {"reason": "Train decelerates more than the pressure explains"}
         acting.append(Finding("other-brake", "warning", names=names))
     if acting:
-        titles = ", ".join(p.name for p in paths)
         raise UserError(f"{titles}: {acting[-1].message}", acting[-1].hint or "")
     vehicles = [move_axles(aligned.vehicle, mean, vehicle) for aligned in aligned_logs]
     pairs = zip(read_logs, vehicles, strict=True)
@@ -135,13 +133,15 @@ def calibrate(
         vehicle, rolling[0].record, brake_point, prior, posterior, len(designs)
     )
     if prior_vehicle.source != "log":  # of a brake that nobody stated, any is plausible
-        _check_plausible(calibrated.rows, posterior, paths)
+        _check_plausible(calibrated.rows, posterior, titles)
     applications = sum(u.evidence.applications() for u in rolling)
-    findings = (*(f for u in logs for f in u.findings), *_unused(logs))
+    unused = [Path(u.log.path).name for u in logs if not u.evidence.applications()]
+    findings = [f for u in logs for f in u.findings]
+    findings += [Finding("calibration-log-unused", "info", names={"log": x}) for x in unused]
     analysis = replace(settings.analysis, vehicle="stated")  # the same logs are no new evidence
     every_axle = move_axles(of_all.vehicle, vehicle, calibrated.vehicle)
     settings = replace(settings, vehicle=every_axle, analysis=analysis)
-    return CalibrationRun(settings, tuple(logs), calibrated, applications, findings)
+    return CalibrationRun(settings, tuple(logs), calibrated, applications, tuple(findings))
 
 
 # Logs
@@ -190,16 +190,8 @@ def _rolling_logs(logs: Sequence[UsedLog]) -> list[UsedLog]:
     return rolling
 
 
-def _unused(logs: Sequence[UsedLog]) -> list[Finding]:
-    names = [Path(u.log.path).name for u in logs if not u.evidence.applications()]
-    return [Finding("calibration-log-unused", "info", names={"log": name}) for name in names]
-
-
 def _check_agreement(
-    logs: Sequence[UsedLog],
-    designs: Sequence[Design],
-    prior: dict[int, Parameter],
-    joint: solve.Posterior,
+    logs: Sequence[UsedLog], designs: Sequence[Design], prior: model.Prior, joint: solve.Posterior
 ) -> None:
     """Refuses logs of which one's force, at its own brakes, differs from that of all others.
 
@@ -241,9 +233,7 @@ def _check_agreement(
 
 
 def _check_plausible(
-    rows: Mapping[str, reference.CalibratedParameter],
-    posterior: solve.Posterior,
-    paths: Sequence[Path | Signals],
+    rows: Mapping[str, reference.CalibratedParameter], posterior: solve.Posterior, titles: str
 ) -> None:
     """Refuses a parameter that the vehicle as stated cannot have, or that is at a bound."""
     change = (posterior.mean[: model.SHARED] - posterior.prior) / posterior.prior_sigma
@@ -253,13 +243,9 @@ def _check_plausible(
     # A wheel that creeps less than usual is no fault; one that creeps more slid.
     sigmas["creep_stiffness"] = min(sigmas.get("creep_stiffness", 0.0), 0.0)
     bounds = quantities(Vehicle)
-    at_bound = [
-        name
-        for name, row in rows.items()
-        if (q := bounds.get(name))
-        and not q.minimum < row.posterior < q.maximum
-        and q.minimum < row.prior < q.maximum
-    ]
+    limits = {name: (bounds[name].minimum, bounds[name].maximum) for name in rows if name in bounds}
+    inside = [n for n, (low, high) in limits.items() if low < rows[n].prior < high]
+    at_bound = [n for n in inside if not limits[n][0] < rows[n].posterior < limits[n][1]]
     farthest = max(sigmas, key=lambda name: (name in at_bound, abs(sigmas[name])))
     if farthest not in at_bound and abs(sigmas[farthest]) <= _PLAUSIBLE_SIGMAS:
         return
@@ -271,7 +257,6 @@ def _check_plausible(
     }
     values = {"posterior": row.posterior, "prior": row.prior, "sigmas": sigmas[farthest]}
     finding = Finding("calibration-implausible", "error", values=values, names=names)
-    titles = ", ".join(p.name for p in paths)
     raise UserError(f"{titles}: {finding.message}", finding.hint or "")
 
 
@@ -302,11 +287,8 @@ def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
     section_names = ("vehicle", "car", "analysis", "channels", "csv", "mcap", "can")
-    return {
-        name: keys
-        for name in section_names
-        if (keys := calibrated_tree.get(name)) and keys != default_tree.get(name)
-    }
+    stated = {name: keys for name in section_names if (keys := calibrated_tree.get(name))}
+    return {name: keys for name, keys in stated.items() if keys != default_tree.get(name)}
 
 
 def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:

@@ -19,26 +19,16 @@ slope in each piece, because the gradient of the track is free.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..core.model import Floats, Parameter, Train, Vehicle
 from ..records.axle_channels import AxleChannels
+from . import longitudinal
 from .explanation import AS_STATED, Design, Explanation, OtherForceLine, Piece
 from .grid import Grids
-from .longitudinal import (
-    DELAY,
-    DRAG,
-    EARLY,
-    LARGEST_DELAY,
-    OFFSET,
-    SCALE,
-    SHARED,
-    line_prior,
-    spring_share,
-    tolerance,
-)
+from .longitudinal import DELAY, DRAG, OFFSET, SCALE, SHARED, Prior
 from .pieces import build_design, mean_square, sum_by_piece, without_slope
 from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
 
@@ -63,9 +53,9 @@ _LITTLE_SPEED = 0.1  # a smaller change of speed shows little of a brake [m/s]
 _ANY_FACTOR = 25.0  # s or 1/s above this is no other vehicle
 
 
-def _start_points(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
+def _start_points(d: Design, prior: Prior) -> list[Floats]:
     base = np.array([prior[i].value for i in range(SHARED)])
-    reach = min(LARGEST_DELAY, float(d.t[-1]) / 4.0)
+    reach = min(longitudinal.LARGEST_DELAY, float(d.t[-1]) / 4.0)
     delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
     scale_is_free = math.isinf(prior[SCALE].tolerance)
     points = [(delay, 0.0) for delay in delays]
@@ -135,8 +125,9 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     The train speed only has to agree with the wheels. There half of the gain is clear.
     """
     clear_gain = CLEAR_GAIN if d.creeps else CLEAR_GAIN / 2.0
-    stated_prior = line_prior(vehicle, d.top, d.mean, d.interval) | {DRAG: _NO_DRAG}
-    offset = Parameter(0.0, max(_OFFSET_SIGMA, spring_share(d.top, vehicle).value))
+    stated_prior = longitudinal.line_prior(vehicle, d.top, d.mean, d.interval) | {DRAG: _NO_DRAG}
+    spring = longitudinal.spring_share(d.top, vehicle)
+    offset = Parameter(0.0, max(_OFFSET_SIGMA, spring.value))
     delay_prior = stated_prior | {DELAY: Parameter(0.0, math.inf)}
     force_prior = stated_prior | {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     both_prior = delay_prior | {i: force_prior[i] for i in (SCALE, OFFSET)}
@@ -161,7 +152,7 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     fits = stated, delayed, line, both
     explanation = _judge(d, fits, counts, vehicle, clear_gain)._replace(pieces=pieces)
     value, sigma = near_fit.posterior().delay
-    is_shown = abs(value) < EARLY and sigma < EARLY
+    is_shown = max(abs(value), sigma) < longitudinal.EARLY
     if not explanation.pressure_delay.value and is_shown:  # it may be that, or none
         unknown = Parameter(0.0, math.hypot(value / math.sqrt(3.0), sigma))
         explanation = explanation._replace(pressure_delay=unknown)
@@ -169,13 +160,9 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
 
 
 def _best(
-    d: Design,
-    sample_counts: Floats,
-    prior: Mapping[int, Parameter],
-    starts: Sequence[Floats],
-    contained_fits: Sequence[Likeliest],
+    d: Design, counts: Floats, prior: Prior, starts: list[Floats], simpler: Sequence[Likeliest]
 ) -> Likeliest:
-    """The best fit from the best of `starts` and from each fit with fewer unknowns.
+    """The best fit from the best of `starts` and from each simpler fit, with fewer unknowns.
 
     A model is never less likely than one that it contains, but one search may end at a local
     maximum. Of few pieces the gradients explain as much as a line does, and a better fit shows
@@ -183,8 +170,8 @@ def _best(
     """
     start_sets = [starts]
     if len(d.size) >= _SEVERAL_PIECES:
-        start_sets += [[fit.mean] for fit in contained_fits]
-    fits = [search([d], [sample_counts], prior, points) for points in start_sets]
+        start_sets += [[fit.mean] for fit in simpler]
+    fits = [search([d], [counts], prior, points) for points in start_sets]
     return min(fits, key=lambda fit: fit.cost)
 
 
@@ -199,11 +186,7 @@ def _gradients(d: Design, posterior: Posterior) -> tuple[Piece, ...]:
 
 
 def _judge(
-    d: Design,
-    fits: tuple[Likeliest, Likeliest, Likeliest, Likeliest],
-    counts: Floats,
-    vehicle: Vehicle,
-    clear_gain: float,
+    d: Design, fits: Sequence[Likeliest], counts: Floats, vehicle: Vehicle, clear_gain: float
 ) -> Explanation:
     """The explanation that the costs of the four fits, see the table above, support together.
 
@@ -263,7 +246,9 @@ def _delay_by_line(d: Design) -> float:
 
 def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:
     """Whether the force line s (K − o) is outside of what is stated; o is a share of `top` [N]."""
-    offset_limit = STATED_SIGMAS * spring_share(top, vehicle).tolerance
-    factor_limit = math.log1p(math.hypot(STATED_SIGMAS * tolerance(vehicle), offset_limit))
+    offset_limit = STATED_SIGMAS * longitudinal.spring_share(top, vehicle).tolerance
+    factor_limit = math.log1p(
+        math.hypot(STATED_SIGMAS * longitudinal.tolerance(vehicle), offset_limit)
+    )
     largest_factor = max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3))))
     return abs(o) > max(_SMALL_OFFSET, offset_limit) or largest_factor > factor_limit

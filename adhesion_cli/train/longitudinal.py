@@ -36,6 +36,7 @@ vehicles have up to 7e-5 1/m, by 0.6 kg/m³ times 10 m² over 80 t.
 """
 
 import math
+from collections.abc import Mapping
 
 from ..core.model import Parameter, Vehicle
 from ..core.physics import chain_ratio, fade_share
@@ -52,6 +53,7 @@ UNITS = {
 }
 SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE, DRAG = range(len(UNITS))
 SHARED = len(UNITS)
+Prior = Mapping[int, Parameter]  # of the shared parameters, by their place
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 RESISTANCE_OF_TRAINS = Parameter(0.015, 0.015)  # r [m/s²]

@@ -1,7 +1,7 @@
 """The likeliest parameters of the longitudinal model, by least squares with a prior."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,19 +10,9 @@ import numpy as np
 from ..core.model import Floats, Parameter
 from ..core.physics import G
 from ..core.signals import running_integral
+from . import longitudinal
 from .explanation import Design
-from .longitudinal import (
-    DELAY,
-    DRAG,
-    FADE,
-    FLOOR,
-    LARGEST_DELAY,
-    OFFSET,
-    RESISTANCE,
-    SCALE,
-    SHARED,
-    STIFFNESS,
-)
+from .longitudinal import DELAY, DRAG, FADE, OFFSET, RESISTANCE, SCALE, SHARED, STIFFNESS, Prior
 from .pieces import mean_square, repeat_by_piece, sum_by_piece, without_bend
 
 _LARGEST_OFFSET = 0.9  # the largest offset looked for, of the highest K
@@ -123,9 +113,7 @@ class _Problem(NamedTuple):
         return zip(self.designs, self.sample_counts, gradients(self.designs, x), strict=True)
 
 
-def _problem(
-    designs: Sequence[Design], sample_counts: Sequence[Floats], prior: Mapping[int, Parameter]
-) -> _Problem:
+def _problem(designs: Sequence[Design], sample_counts: Sequence[Floats], prior: Prior) -> _Problem:
     total = SHARED + sum(len(d.size) for d in designs)
     mean, information = np.zeros(total), np.zeros((total, total))
     for i, p in prior.items():
@@ -176,7 +164,7 @@ class Likeliest(NamedTuple):
     """The maximum of a posterior."""
 
     problem: _Problem
-    prior: Mapping[int, Parameter]
+    prior: Prior
     mean: Floats  # of the shared parameters, then of every piece's gradient [m/s²]
     cost: float  # as of `Posterior`
 
@@ -189,21 +177,18 @@ class Likeliest(NamedTuple):
 
 
 def search(
-    designs: Sequence[Design],
-    sample_counts: Sequence[Floats],
-    prior: Mapping[int, Parameter],
-    starts: Sequence[Floats],
+    designs: Sequence[Design], counts: Sequence[Floats], prior: Prior, starts: Sequence[Floats]
 ) -> Likeliest:
     """The likeliest point, by Gauss and Newton with shortened steps from the best start.
 
-    `sample_counts` are from `independent_samples`. An infinite tolerance of the prior frees a
+    `counts` are from `independent_samples`. An infinite tolerance of the prior frees a
     parameter. A start is shared parameters, or these and the gradients.
     """
-    p = _problem(designs, sample_counts, prior)
+    p = _problem(designs, counts, prior)
     points, costs = zip(*(_start(p, x) for x in starts), strict=True)
     best, cost = points[int(np.argmin(costs))], min(costs)
     limits = np.full(len(best), 2.0)
-    reach = min(LARGEST_DELAY, *(float(d.t[-1]) / 4.0 for d in designs))
+    reach = min(longitudinal.LARGEST_DELAY, *(float(d.t[-1]) / 4.0 for d in designs))
     limits[:SHARED] = math.log(_LARGEST_FACTOR), _LARGEST_OFFSET, reach, 12.0, 0.05, 0.5, 5e-4
     for _ in range(15):
         A, b = _normal(p, best)
@@ -220,7 +205,7 @@ def search(
     return Likeliest(p, prior, best, cost)
 
 
-def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterior:
+def joint(designs: Sequence[Design], prior: Prior) -> Posterior:
     """The posterior of joined designs, each with as many samples as are independent."""
     start = np.array([prior[i].value for i in range(SHARED)])
     coarse_mean = search(designs, [d.size for d in designs], prior, [start]).mean
@@ -268,6 +253,8 @@ def independent_samples(d: Design, residuals: Floats) -> Floats:
     pair = np.append(residuals[1:] * residuals[:-1], 0.0)
     pair[d.piece_start[1:] - 1] = 0.0
     # Rounding is alike.
-    correlation = sum_by_piece(d, pair) / (sum_by_piece(d, residuals**2) + d.size * FLOOR**2)
+    correlation = sum_by_piece(d, pair) / (
+        sum_by_piece(d, residuals**2) + d.size * longitudinal.FLOOR**2
+    )
     correlation = np.clip(correlation, 0.0, 0.99)
     return d.size * (1.0 - correlation) / (1.0 + correlation)

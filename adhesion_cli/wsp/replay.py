@@ -162,12 +162,11 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     rails = [x and x.rail for x in axle_rails]
     impulse, train_findings = _impulse(result, braking)
     comes_to_rest = bool(braking.speed[-1] < STANDING)
+    track = _track(places, [rail and rail.best for rail in rails])
     return Case(
         (begin - result.log.start_ns()) / 1e9,
         scenario,
-        _with_resistance(
-            _track(places, [rail and rail.best for rail in rails]), braking, impulse, 1.0
-        ),
+        _with_resistance(track, braking, impulse, 1.0, 0.0),
         _draws(scenario, braking, rails, places, (demand, demand_known), impulse),
         _logged(result, braking, slides),
         _distance(braking, stop) if comes_to_rest else None,
@@ -256,7 +255,8 @@ def _draws(
     computed_scales = next(rail.scales for rail in rails if rail)[:_DRAWS]
     scales = _balanced(computed_scales, braking, impulse)
     sampled_rails = _draw_rails(rails, scales, vehicle, random)
-    errors = _normal_errors(len(scales), _SPEED_SCALE)
+    order, n = np.random.default_rng(1).permutation(len(scales)).tolist(), len(scales)
+    errors = [NormalDist(0.0, _SPEED_SCALE).inv_cdf((k + 0.5) / n) for k in order]
     for k, scale in enumerate(scales):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [axle[k] if axle else None for axle in sampled_rails], scale)
@@ -293,13 +293,6 @@ def _balanced(
     return [mean * scale**narrower for scale in scales]
 
 
-def _normal_errors(n: int, sigma: float) -> list[float]:
-    """Errors that are spread as a normal distribution's, in an order of their own."""
-    normal = NormalDist(0.0, sigma)
-    order = np.random.default_rng(1).permutation(n)
-    return [normal.inv_cdf((k + 0.5) / n) for k in order.tolist()]
-
-
 def _impulse(result: Result, braking: _Braking) -> tuple[Floats | None, list[Finding]]:
     """What the axles' forces took from the train's speed so far, shape (n,) [m/s].
 
@@ -326,11 +319,7 @@ def _impulse(result: Result, braking: _Braking) -> tuple[Floats | None, list[Fin
 
 
 def _with_resistance(
-    track: RailConditions,
-    braking: _Braking,
-    impulse: Floats | None,
-    scale: float,
-    error: float = 0.0,
+    track: RailConditions, braking: _Braking, impulse: Floats | None, scale: float, error: float
 ) -> RailConditions:
     """The track with what slows the train beside its axles: a constant, and drag over v².
 

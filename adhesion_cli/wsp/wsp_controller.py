@@ -257,11 +257,7 @@ def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
 
 
 def choose(
-    controller: str,
-    algo: str,
-    settings: Settings,
-    vehicle: Vehicle,
-    speed_noise: float = SPEED_NOISE,
+    law: str, algo: str, settings: Settings, vehicle: Vehicle, speed_noise: float = SPEED_NOISE
 ) -> Chosen:
     """A WSP controller.
 
@@ -273,17 +269,17 @@ def choose(
     """
     estimator_names, laws = estimators(), controllers()
     all_names = [*laws, *estimator_names, SLOPE.name]
-    named = [("controller", controller, list(laws)), ("estimator", algo, list(estimator_names))]
+    named = [("controller", law, list(laws)), ("estimator", algo, list(estimator_names))]
     for kind, name, among in [*named, *(("setting", x, all_names) for x in settings)]:
         if name not in among:
             raise unknown(kind, name, among)
     bands(settings)
-    est, law = estimator_names[algo], laws[controller]
+    est, chosen = estimator_names[algo], laws[law]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
-    ep, sp, cp = (validate(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
+    ep, sp, cp = (validate(x, settings.get(x.name, {})) for x in (est, SLOPE, chosen))
     radii = np.array([x.value for x in vehicle.wheel_radius])
     w = physics.wheelset(vehicle, 1)
-    return Chosen(est, law, Constants(w, radii, ep, sp, cp, speed_noise))
+    return Chosen(est, chosen, Constants(w, radii, ep, sp, cp, speed_noise))
 
 
 def online(

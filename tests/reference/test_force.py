@@ -23,7 +23,6 @@ from hypothesis import strategies as st
 
 from adhesion_cli.channels.to_si import period_tick
 from adhesion_cli.core import physics, signals
-from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import (
     Z95,
     AxleRecord,
@@ -507,14 +506,6 @@ def test_butterworth_knows_a_slow_pressure() -> None:
     error = F.force - record.truth
     assert share_inside(F, record.truth, np.isfinite(error)) >= 0.8
     assert np.median(F.sigma) < 30.0
-
-
-def test_unknown_method() -> None:
-    record, _ = logged("service-brake", 10.0)
-    with pytest.raises(UserError, match="smother") as caught:
-        force.compute(record, VEHICLE, "smother")
-    assert "smoother" in caught.value.hint
-    assert caught.value.code == 2
 
 
 # --- band ---------------------------------------------------------------------------------------

@@ -154,11 +154,11 @@ def test_what_slows_the_train_beside_its_axles_acts_in_the_replay(log: Path) -> 
     t = np.round(seconds * 1e9).astype(np.int64)
     braking = replay._Braking(t, speed, np.zeros((1, 400)))
     track = replay._track([replay._AxlePlaces([], Vehicle())], [None])
-    slowed = replay._with_resistance(track, braking, impulse, 1.0)
+    slowed = replay._with_resistance(track, braking, impulse, 1.0, 0.0)
     assert (slowed.resistance, slowed.drag) == pytest.approx((0.02, 6e-5), rel=1e-6)
-    pushed = replay._with_resistance(track, braking, impulse + 0.05 * seconds, 1.0)
+    pushed = replay._with_resistance(track, braking, impulse + 0.05 * seconds, 1.0, 0.0)
     assert pushed.resistance < 0.0
-    assert replay._with_resistance(track, braking, None, 1.0) == track
+    assert replay._with_resistance(track, braking, None, 1.0, 0.0) == track
     case = replay.case(analysed(log))
     against = case.track._replace(resistance=1.0, drag=1e-3)
     slower, faster = (
