@@ -313,8 +313,8 @@ class LiveAxle:
         """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
         w, vehicle = self._wheelset, self._vehicle
         by_motors, sigma = self._motor_part
-        columns: Any = (K - by_motors, w.a * (F - w.phi * K), y * w.radius)  # (1)
-        variance, mass = by_tolerances(self._record, vehicle, *columns, earlier=None)
+        columns: Any = (K - by_motors, w.a * (F - w.phi * K), y * w.radius, None)  # (1)
+        variance, mass = by_tolerances(self._record, vehicle, *columns)
         return math.sqrt(max(float(variance), 0.0) + sigma**2), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:

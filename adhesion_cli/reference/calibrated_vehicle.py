@@ -307,13 +307,13 @@ def _band(
     v: Vehicle, stated_vehicle: Vehicle, brake_point: MeanBrake, record: AxleRecord
 ) -> tuple[float, float]:
     """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
-    speed_difference = brake_point.speed + brake_point.faster - v.friction_speed.value
+    speed = brake_point.speed + brake_point.faster
     w = wheelset(v, record.axle)
     stated_line, line = force_line(stated_vehicle), force_line(v)
     K = brake_point.share * brake_point.top - (line.at_zero - stated_line.at_zero)
-    K *= 1.0 + v.friction_fade.value * speed_difference
+    K *= 1.0 + v.friction_fade.value * (speed - v.friction_speed.value)
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
-    columns = (np.array([x]) for x in (K, dw, brake_point.speed + brake_point.faster))
-    contributions = force.contributions(record, v, *columns, earlier=None)
+    clamping, rate, rim = (np.array([x]) for x in (K, dw, speed))
+    contributions = force.contributions(record, v, clamping, rate, rim, None)
     return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))
