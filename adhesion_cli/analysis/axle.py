@@ -37,9 +37,8 @@ def analyze_axle(
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
     applications = brake_applications.find_applications(record)
-    findings = list(
-        find_axle_findings(record, vehicle, reference, applications, start_ns, settings.stops.locks)
-    )
+    about = record, vehicle, reference, applications, start_ns, settings.stops.locks
+    findings = list(find_axle_findings(*about))
     by_method, thresholds = {"the reference": reference.nis, **nis}, settings.checks["noise_model"]
     findings += noise_model.check(thresholds, f"axle {record.axle}", by_method)
     drowned = [s for s in applications if _is_drowned(reference, s)]
@@ -52,9 +51,8 @@ def analyze_axle(
     result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
         return result, findings
-    result, slip_findings = slip.observe_slip(
-        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
-    )
+    limits = settings.analysis.slowest, settings.slope, settings.bands
+    result, slip_findings = slip.observe_slip(result, vehicle, *limits)
     return result, findings + slip_findings
 
 
@@ -87,9 +85,9 @@ def _remove_drowned(
 ) -> tuple[Reference, Finding]:
     """The reference without these applications, whose noise exceeds the force."""
     rows = np.r_[tuple(drowned)]
-    force, sigma = reference.force.copy(), reference.sigma.copy()
-    tolerance = reference.tolerance.copy()
-    force[rows] = sigma[rows] = tolerance[rows] = np.nan
+    columns = np.array([reference.force, reference.sigma, reference.tolerance])
+    columns[:, rows] = np.nan
+    force, sigma, tolerance = columns
     begin_rows, end_rows = [s.start for s in drowned], [s.stop - 1 for s in drowned]
     spans = spans_of(record.t[begin_rows], record.t[end_rows], start_ns)
     finding = Finding("reference-noise", "warning", f"axle {record.axle}", len(drowned), spans)

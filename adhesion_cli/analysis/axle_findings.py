@@ -44,17 +44,16 @@ def find_axle_findings(
     }
     for code, (severity, mask) in masks.items():
         if count := int(mask.sum()):
-            mask_spans = spans_of_mask(mask, record.t, start_ns)
-            yield Finding(code, severity, name, count, mask_spans, values.get(code, {}))
+            spans = spans_of_mask(mask, record.t, start_ns)
+            yield Finding(code, severity, name, count, spans, values.get(code, {}))
     if record.train_speed is not None:
         unknown, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
         for s in applications:
             unknown[s], lasts = rail_under_slides.unknown_slip(record, s, vehicle)
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
-            count, mask_spans = int(unknown.sum()), spans_of_mask(unknown, record.t, start_ns)
-            durations = {"unknown_s": unknown_s}
-            yield Finding("slip-unknown", "warning", name, count, mask_spans, durations)
+            count, spans = int(unknown.sum()), spans_of_mask(unknown, record.t, start_ns)
+            yield Finding("slip-unknown", "warning", name, count, spans, {"unknown_s": unknown_s})
     if ref.runout:
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
     if ref.averaged > _SURE_PROBABILITY:
@@ -80,15 +79,14 @@ def _without_value(
     for lock in locks_of_axle(record, vehicle.radius(record.axle).value, limits):
         # without a brake, the sensor stands
         locked[lock.samples] = bool((record.clamping_force[lock.samples] > physics.NO_FORCE).any())
-    segment_lost = any(too_short[s].any() and turning[s].all() for s in record.segments)
+    lost: tuple[str, Severity] = "turns-too-briefly", "info"
+    if any(too_short[s].any() and turning[s].all() for s in record.segments):
+        lost = "no-reference", "warning"
     return {
         "standstill": ("info", ~turning & ~locked),
         "wheel-locked": ("info", locked),
         "traction": ("info", driven),
-        "no-reference" if segment_lost else "turns-too-briefly": (
-            "warning" if segment_lost else "info",
-            too_short,
-        ),
+        lost[0]: (lost[1], too_short),
     }
 
 

@@ -73,6 +73,9 @@ class _Setting(NamedTuple):
     by_pressure: bool  # whether pressures are logged, not clamping forces
 
 
+_Lines = dict[int, BrakeLine]  # of the logs that show one, by their place
+
+
 def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
     """The vehicle of logs of one train.
 
@@ -218,7 +221,10 @@ def find_prior(
     stops = {logs[i].path: _differing_stops(logs[i], line) for i, line in lines.items()}
     effects = {logs[i].path: x for i, line in lines.items() if (x := line.speed_effect)}
     prior = replace(prior, differing_stops=stops, speed_effects=effects)
-    if not lines or _single_pressure(logs) or len(brake_kinds(logs)) > 1:
+    # one axle of several is measured: the others may brake otherwise
+    incomplete = any(f.code == "axle-incomplete" for log in logs for f in log.findings)
+    single_pressure = incomplete and all(len(log.axles) == 1 for log in logs)
+    if not lines or single_pressure or len(brake_kinds(logs)) > 1:
         return _unknown(prior), {}
     line = with_mean_mass(_most_rolling(lines), lines.values())
     sigmas = _contradiction(vehicle, line, setting)
@@ -231,7 +237,9 @@ def find_prior(
     differs = abs(sigmas) > _DEFAULT_SIGMAS or abs(_error(vehicle, line, setting)) > _DEFAULT_ERROR
     differs |= line.mass is not None
     if source == "default" and differs:
-        if setting.by_pressure and not _is_brake(line):
+        # else a unit is wrong, or another brake acts
+        is_brake = _LEAST_FORCE < line.slope < _MOST_FORCE and line.zero > _LOWEST_ZERO
+        if setting.by_pressure and (line.mixed or not is_brake):
             return _unknown(prior), lines
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
         return replace(prior, vehicle=vehicle, source="log", motor_mass=line.mass), lines
@@ -294,11 +302,6 @@ def brake_kinds(logs: Sequence[AlignedLog]) -> set[str]:
     return {str(a.brake.meaning) for log in logs for a in log.axles}
 
 
-def _is_brake(line: BrakeLine) -> bool:
-    """Whether some brake slows a train like that; else a unit is wrong, or another brake acts."""
-    return _LEAST_FORCE < line.slope < _MOST_FORCE and line.zero > _LOWEST_ZERO and not line.mixed
-
-
 def force_per_bar(vehicle: Vehicle) -> Parameter:
     """Brake force at the rim of an axle's wheels per bar, with 1 sigma [N]. Source: (15)."""
     shares = brake_shares(vehicle)
@@ -322,9 +325,8 @@ def car_brakes(vehicle: Vehicle) -> tuple[CarBrake, ...]:
         brake = _car_brake(car_axle.car, (car_axle.number,), car_axle.vehicle)
         for i, car in enumerate(cars):
             pairs = (car.force, brake.force), (car.deceleration, brake.deceleration)
-            if car.name == car_axle.car and all(
-                abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs
-            ):
+            alike = all(abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs)
+            if alike and car.name == car_axle.car:
                 cars[i] = car._replace(axles=(*car.axles, car_axle.number))
                 break
         else:
@@ -347,13 +349,6 @@ def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
     share = w.inertia / (w.mass * w.radius**2)
     inertia, mass = vehicle.wheelset_inertia, vehicle.axle_mass
     return Parameter(share, math.hypot(inertia.share, mass.share, 2.0 * R.share) * share)
-
-
-def _single_pressure(logs: Sequence[AlignedLog]) -> bool:
-    """Whether one axle of several is measured: the others may brake otherwise."""
-    return any(f.code == "axle-incomplete" for log in logs for f in log.findings) and all(
-        len(log.axles) == 1 for log in logs
-    )
 
 
 def _contradiction(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> float:
@@ -430,10 +425,7 @@ def _evidence(log: AlignedLog, vehicle: Vehicle, setting: _Setting) -> Evidence:
 
 
 def _posterior(
-    prior: IdentifiedVehicle,
-    logs: Sequence[AlignedLog],
-    lines: dict[int, BrakeLine],
-    setting: _Setting,
+    prior: IdentifiedVehicle, logs: Sequence[AlignedLog], lines: _Lines, setting: _Setting
 ) -> tuple[IdentifiedVehicle, float]:
     """The vehicle of prior and evidence, and by how many sigma the evidence differs from the prior.
 
@@ -462,7 +454,11 @@ def _posterior(
     if calibrated is None or by_line:
         calibrated = _by_line(vehicle, logs[0].axles[0].record, [*lines.values()], setting)
     elif prior.source != "log":
-        sigmas = _distance(posterior, brake_point)
+        # What a normal prior moves by has the variance that it loses.
+        n, g = model.SHARED, brake_point.gradient
+        change = float(g @ (posterior.mean[:n] - posterior.prior))
+        lost_variance = np.diag(posterior.prior_sigma**2) - posterior.covariance[:n, :n]
+        sigmas = abs(change) / math.sqrt(max(float(g @ lost_variance @ g), 1e-12))
     distances = {logs[i].path: _contradiction(calibrated, x, setting) for i, x in lines.items()}
     differing = (path for path, x in distances.items() if abs(x) > _STATED_SIGMAS)
     identified = replace(
@@ -474,17 +470,6 @@ def _posterior(
         differing=(*prior.differing, *differing) if len(lines) > 1 else prior.differing,
     )
     return identified, sigmas
-
-
-def _distance(posterior: solve.Posterior, brake_point: MeanBrake) -> float:
-    """By how many sigma the force of the evidence differs from that of the prior.
-
-    What a normal prior moves by has the variance that it loses.
-    """
-    n, g = model.SHARED, brake_point.gradient
-    change = float(g @ (posterior.mean[:n] - posterior.prior))
-    lost_variance = np.diag(posterior.prior_sigma**2) - posterior.covariance[:n, :n]
-    return abs(change) / math.sqrt(max(float(g @ lost_variance @ g), 1e-12))
 
 
 def _by_line(
@@ -506,9 +491,8 @@ def _by_line(
     mean, sigmas = np.array([prior[i] for i in range(model.SHARED)]).T
     covariance, g = np.diag(sigmas**2), brake_point.gradient
     gain = covariance @ g / (g @ covariance @ g + variance)
-    posterior = solve.Posterior(
-        mean, sigmas, mean + gain * error, covariance - np.outer(gain, g @ covariance), 0.0
-    )
+    covariance = covariance - np.outer(gain, g @ covariance)
+    posterior = solve.Posterior(mean, sigmas, mean + gain * error, covariance, 0.0)
     parts = brake_point, prior, posterior, 1
     return calibrated_vehicle.calibrate_vehicle(vehicle, record, *parts).vehicle
 

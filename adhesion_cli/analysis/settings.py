@@ -40,6 +40,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.highest import PEAK_TIME
 from ..rail.slope import Bands, Params, check_bands
+from ..records.faults import Window
 from ..stops.settings import StopSettings
 from ..train.mean_axle import vehicle_of_axles
 from ..wsp import controller
@@ -129,9 +130,7 @@ class Settings:
     bands: Bands = field(default_factory=Bands)
     stops: StopSettings = field(default_factory=StopSettings)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
-    checks: Table = field(
-        default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
-    )
+    checks: Table = field(default_factory=lambda: {k: c.Params() for k, c in tunable().items()})
     tables: Tables = field(default_factory=dict, compare=False, repr=False)
     flags: Tables = field(default_factory=dict, compare=False, repr=False)
 
@@ -168,7 +167,11 @@ class Settings:
             UserError: for an unknown key, a value out of range.
         """
         base = {k: v for k, v in carried.items() if k not in _ORIGIN}
-        base |= {"diagnostics": _known_thresholds(base.get("diagnostics", {}))}
+        thresholds, checks = base.get("diagnostics", {}), tunable()
+        known = {name: checks[name].Params._fields for name in thresholds if name in checks}
+        base["diagnostics"] = {
+            name: {k: v for k, v in thresholds[name].items() if k in x} for name, x in known.items()
+        }
         if "profile" in base.get("track", {}).get("gradient", {}):  # the log had the position
             del base["track"]
         return _build([_normalise_names(base), self.tables], self.flags)
@@ -185,13 +188,12 @@ class Settings:
 
 
 SettingsSource = Path | Tables  # a settings file, or its tables
+Sources = SettingsSource | Sequence[SettingsSource] | None
+Assignments = Sequence[str | Tables]  # of `--set`, or tables
 
 
 def load(
-    config: SettingsSource | Sequence[SettingsSource] | None = None,
-    assignments: Sequence[str | Tables] = (),
-    folder: bool = True,
-    **flags: Any,
+    config: Sources = None, assignments: Assignments = (), folder: bool = True, **flags: Any
 ) -> Settings:
     """Settings from files and `--set`.
 
@@ -214,11 +216,7 @@ def _build(layers: Sequence[Tables], flags: Tables) -> Settings:
     return replace(checked, tables=layers[-1], flags=flags)
 
 
-def stated_tables(
-    config: SettingsSource | Sequence[SettingsSource] | None = None,
-    assignments: Sequence[str | Tables] = (),
-    folder: bool = True,
-) -> Table:
+def stated_tables(config: Sources, assignments: Assignments, folder: bool = True) -> Table:
     """What files and `--set` state, as tables that `load` takes in place of them.
 
     A brake as engineers state it is there as the parameters of (15).
@@ -229,11 +227,7 @@ def stated_tables(
     return cars.with_parameters(layered_tables(config, assignments, folder))
 
 
-def layered_tables(
-    config: SettingsSource | Sequence[SettingsSource] | None = None,
-    assignments: Sequence[str | Tables] = (),
-    folder: bool = True,
-) -> Table:
+def layered_tables(config: Sources, assignments: Assignments, folder: bool = True) -> Table:
     """What files and `--set` state, each key under its own name."""
     local_file = Path("adhesion.toml")
     layers = [toml.read(local_file, _FORMAT_HINT)] if folder and local_file.is_file() else []
@@ -282,11 +276,6 @@ def _forget_correlations(vehicle: Table, stated: Tables) -> None:
     vehicle |= {"correlation": remaining} if remaining else {}
 
 
-def _known_thresholds(checks: Tree[str, Tables]) -> dict[str, Table]:
-    known = {name: check.Params._fields for name, check in tunable().items() if name in checks}
-    return {n: {k: v for k, v in checks[n].items() if k in fields} for n, fields in known.items()}
-
-
 def stated_sections(assignments: Sequence[str]) -> set[str]:
     """The sections of which `--set` states something."""
     return {name for text in assignments for name in _normalise_names(assignment(text))}
@@ -296,7 +285,7 @@ def tree(
     settings: Settings,
     algos: Sequence[Estimator],
     axles: Sequence[int] = (),
-    window: tuple[float | None, float | None] = (None, None),
+    window: Window = (None, None),
 ) -> Table:
     """Every parameter in force, as a TOML would state it; `Settings.over` takes it back.
 
@@ -316,9 +305,7 @@ def tree(
     }
 
 
-def _log_sections(
-    settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
-) -> Table:
+def _log_sections(settings: Settings, axles: Sequence[int], window: Window) -> Table:
     """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
     channels: Table = {}
@@ -332,10 +319,8 @@ def _log_sections(
         "can": {"dbc": list(read.dbc)},
         "selection": {**selection, "strict": read.strict},
     }
-    return {
-        s: {k: v for k, v in entries.items() if v not in (None, {}, [])}
-        for s, entries in sections.items()
-    }
+    left_out: tuple[Any, ...] = None, {}, []
+    return {s: {k: v for k, v in x.items() if v not in left_out} for s, x in sections.items()}
 
 
 def nested(flat: Tree[str, str]) -> Table:
@@ -346,8 +331,8 @@ def nested(flat: Tree[str, str]) -> Table:
     return tree
 
 
-def _nested(keys: Sequence[str], value: Any) -> Table:
-    return {keys[0]: value if len(keys) == 1 else _nested(keys[1:], value)}
+def _nested(keys: Sequence[str], value: Any) -> Any:
+    return {keys[0]: _nested(keys[1:], value)} if keys else value
 
 
 def assignment(text: str) -> Table:
@@ -365,8 +350,8 @@ def assignment(text: str) -> Table:
     except tomllib.TOMLDecodeError:
         value = value.strip()
         bare_number = toml.BARE_NUMBER.fullmatch(value)  # else a bare word is a text
-    *sections, key = name.strip().split(".", toml.DEEPEST)
-    return toml.bounded(_nested([*sections, key], float(value) if bare_number else value), "--set")
+    keys = name.strip().split(".", toml.DEEPEST)
+    return toml.bounded(_nested(keys, float(value) if bare_number else value), "--set")
 
 
 def _merge(target: Table, layer: Tables) -> None:
@@ -462,7 +447,11 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     options["named_channels"] = tuple(m.channel for m in mappings if m.channel)
     # marks are stated by their names, too
     marks = {k: MARKS.get(v, v) for k, v in options.items() if k in ("delimiter", "decimal")}
-    options = _files(options | marks) | {k: v for k, v in read.items() if v is not None}
+    names = options.get("dbc", [])
+    if not all(isinstance(name, str) for name in names):
+        text = f"can.dbc = {names!r} is wrong"
+        raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
+    options |= marks | {"dbc": tuple(names)} | {k: v for k, v in read.items() if v is not None}
     kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)
     for name in analysis.keys() - {"reference", "vehicle"}:
@@ -548,9 +537,7 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
     matrix = np.eye(len(names))
     for a, b, share in coefficients:
         matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = share
-    if coefficients and (
-        np.linalg.eigvalsh(matrix)[0] < _ROUNDING or (np.diag(matrix) != 1.0).any()
-    ):
+    if np.linalg.eigvalsh(matrix)[0] < _ROUNDING or (np.diag(matrix) != 1.0).any():
         hint = "state each pair of two parameters once, from −1 to 1, as `calibrate` writes them"
         raise UserError(f"{section}: no errors have these correlations", hint, code=2)
     return tuple(coefficients)
@@ -559,8 +546,7 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
 def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name, quantity = f"vehicle.{key}", quantities(Vehicle)[key]
-    share = default.share
-    stated = parameter(name, entry, share, default.value)
+    stated = parameter(name, entry, default.share, default.value)
     quantity.check(name, stated.value)
     replace(quantity, minimum=0.0, text="1 sigma").check(f"{name}.tolerance", stated.tolerance)
     return stated
@@ -727,11 +713,3 @@ def _channel_tables(meaning: Any) -> Any:
         key: _channel_tables(x) if key.partition(" ")[0] in PLACES else x
         for key, x in spaced.items()
     }
-
-
-def _files(options: Table) -> Table:
-    names = options.get("dbc", [])
-    if not all(isinstance(name, str) for name in names):
-        text = f"can.dbc = {names!r} is wrong"
-        raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
-    return options | {"dbc": tuple(names)}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.model import Log, Parameter, Result, Vehicle
+from ..core.model import Log, Parameter, Result, Track, Vehicle
 from ..core.physics import wheelset
 from ..core.summary import BrakeApplication, Measured, StopSummary
 from ..rail.stop_slides import add_slides
@@ -29,12 +29,11 @@ def stops_of_result(
     """The stops of an analysed log, with the adhesion that its axles used."""
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
-    gradient = find_gradient(result.log, result.track)
     signals = of_records(records, result.log, result.vehicle)
     signals = signals._replace(other_brakes=result.other_brakes)
-    stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
+    stops = _measured(signals, result.vehicle, settings, result.track, result.log)
     by_axle = list(applications)
-    placed = (_with_adhesion(stop, by_axle) for stop in _placed(stops, result.log))
+    placed = (_with_adhesion(stop, by_axle) for stop in stops)
     stops_with_slides = (add_slides(stop, result, by_axle, settings.locks) for stop in placed)
     return tuple(replace(stop, ed_share=_ed_share(stop, result)) for stop in stops_with_slides)
 
@@ -52,32 +51,23 @@ def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSumm
     speed = signals.speed.cut(-math.inf if start is None else start, end)
     if not len(speed.t):
         return ()
-    gradient = find_gradient(log, settings.track)
-    signals, about = signals._replace(speed=speed), (settings.vehicle, settings.stops)
-    stops = _measured(signals, *about, gradient, log.start_ns())
-    return tuple(_placed(stops, log))
-
-
-def _placed(stops: Iterable[StopSummary], log: Log) -> Iterator[StopSummary]:
-    route, start_ns = find_route(log), log.start_ns()
-    for stop in stops:
-        place = route.at(start_ns + round(1e9 * stop.start_s))
-        yield replace(stop, position_from=route.position_from, **place._asdict())
+    signals = signals._replace(speed=speed)
+    return tuple(_measured(signals, settings.vehicle, settings.stops, settings.track, log))
 
 
 def _measured(
-    signals: StopSignals,
-    vehicle: Vehicle,
-    settings: StopSettings,
-    gradient: Gradient | None,
-    start_ns: int,
+    signals: StopSignals, vehicle: Vehicle, settings: StopSettings, track: Track, log: Log
 ) -> Iterator[StopSummary]:
+    """Each stop with its place on the line."""
+    gradient, route, start_ns = find_gradient(log, track), find_route(log), log.start_ns()
     w = wheelset(replace(vehicle, axles=()), 1)  # of the mean axle
     rotating = 1.0 + w.inertia / (w.mass * w.radius**2)
     for braking in find_brakings(signals):
         run = signals.speed.cut(braking.start, braking.stop)
         to_level = ToLevel(_mean_gradient(gradient, run, start_ns), rotating)
-        yield measure_stop(signals, braking, to_level, settings)
+        stop = measure_stop(signals, braking, to_level, settings)
+        place = route.at(start_ns + round(1e9 * stop.start_s))
+        yield replace(stop, position_from=route.position_from, **place._asdict())
 
 
 def _mean_gradient(gradient: Gradient | None, run: TimeSeries, start_ns: int) -> Parameter:
