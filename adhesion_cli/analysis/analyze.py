@@ -4,13 +4,18 @@ read → prepare (screen, align, identify the vehicle, diagnose) → each axle (
 slip) → summarise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ..core import threads
+from ..core.annotated import Progress
+from ..core.cache_folder import silent
+from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Log, Result
+from ..core.summary import ResultSummary
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from ..records.route import check_route
@@ -22,6 +27,8 @@ from .loads import states_load
 from .prepare import Window, align_log
 from .request import choose_estimators, load_vehicle, read_log
 from .settings import Settings
+from .stops_of_log import stops_of_log
+from .summarise import summarise, summarise_stops
 from .vehicle_findings import diagnose_with, state_diameters, without_force_findings
 
 
@@ -31,7 +38,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     algos: Sequence[str] = (),
     axles: Sequence[int] = (),
     window: Window = (None, None),
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
     train_speed: bool = False,
     identified: IdentifiedVehicle | None = None,
 ) -> Result:
@@ -59,12 +66,12 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
 def analyze_log(  # noqa: PLR0913 (as of `analyze`)
     log: Log,
     settings: Settings,
-    algos: Sequence[str] = (),
-    axles: Sequence[int] = (),
-    window: Window = (None, None),
-    progress: Callable[[str], None] = lambda _: None,
-    train_speed: bool = False,
-    identified: IdentifiedVehicle | None = None,
+    algos: Sequence[str],
+    axles: Sequence[int],
+    window: Window,
+    progress: Progress,
+    train_speed: bool,
+    identified: IdentifiedVehicle | None,
 ) -> Result:
     """Analyses a log that has been read, with its channels' meanings; the rest as `analyze`."""
     estimators, axles = choose_estimators(algos), list(dict.fromkeys(axles))
@@ -112,3 +119,47 @@ def analyze_log(  # noqa: PLR0913 (as of `analyze`)
         find_log_brake(aligned, settings),
         settings.track,
     )
+
+
+class EvaluatedLog(NamedTuple):
+    """A log with its summary."""
+
+    log: Log
+    summary: ResultSummary
+    result: Result | None  # None: no axle can be analysed, and there are the stops alone
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Those of the analysis, else those of the log."""
+        return self.result.findings if self.result else self.log.findings
+
+
+def evaluate(  # noqa: PLR0913 (as of `analyze`)
+    path: Path,
+    settings: Settings,
+    algos: Sequence[str],
+    axles: Sequence[int],
+    window: Window,
+    train_speed: bool = False,
+    identified: IdentifiedVehicle | None = None,
+) -> EvaluatedLog:
+    """Analyses a log; one that has no axle to analyse gives the stops of the train.
+
+    Arguments as of `analyze`.
+
+    Raises:
+        UserError: where the log cannot be read, or has neither.
+    """
+    choose_estimators(algos)  # a wrong name is an error before a long log is read
+    settings, log = read_log(path, settings)
+    try:
+        result = analyze_log(log, settings, algos, axles, window, silent, train_speed, identified)
+    except UserError as refusal:
+        stops = stops_of_log(log, settings, window)
+        if refusal.code == 2 or not stops:  # 2: the log does not have what is asked for
+            raise
+        reason = refusal.text.removeprefix(f"{log.path}: ").partition(" (")[0]
+        remark = Finding("stops-alone", "info", names={"reason": reason})
+        log = replace(log, findings=(*log.findings, remark))
+        return EvaluatedLog(log, summarise_stops(log, settings.vehicle, stops), None)
+    return EvaluatedLog(result.log, summarise(result, {}), result)

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from ..analysis import outputs, settings
-from ..analysis.analyze import analyze
-from ..analysis.evaluate import evaluate
+from ..analysis.analyze import analyze, evaluate
 from ..analysis.summarise import summarise
 from ..core import annotated, bundled, errors, threads
 from ..core.summary import FailedLog, ResultSummary

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import __version__
-from ..analysis.evaluate import evaluate
+from ..analysis.analyze import evaluate
 from ..analysis.prepare import Window
 from ..analysis.settings import Settings
 from ..channels.meaning import Mapping

@@ -152,7 +152,7 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     fits = stated, delayed, line, both
     explanation = _judge(d, fits, counts, vehicle, clear_gain)._replace(pieces=pieces)
     value, sigma = near_fit.posterior().delay
-    is_shown = max(abs(value), sigma) < longitudinal.EARLY
+    is_shown = abs(value) < longitudinal.EARLY and sigma < longitudinal.EARLY
     if not explanation.pressure_delay.value and is_shown:  # it may be that, or none
         unknown = Parameter(0.0, math.hypot(value / math.sqrt(3.0), sigma))
         explanation = explanation._replace(pressure_delay=unknown)

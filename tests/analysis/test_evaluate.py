@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adhesion_cli.analysis import request
-from adhesion_cli.analysis.evaluate import evaluate
+from adhesion_cli.analysis.analyze import evaluate
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.core import bundled
 from adhesion_cli.core.errors import UserError
