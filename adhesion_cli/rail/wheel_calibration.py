@@ -9,7 +9,7 @@ import numpy as np
 from ..core import compiled, physics, signals
 from ..core.finding import Finding
 from ..core.masks import spans_of_mask, true_runs
-from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Times, Vehicle
+from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
 from ..core.physics import reference_speed
 from ..train.mean_axle import mean_axle
 from .speed_errors import COASTING_RATE, DRIVING_RATE, delay_error
@@ -101,19 +101,6 @@ def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
             v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
 
 
-def _highest_friction_share(rim: Floats, K: Floats, vehicle: Vehicle) -> Floats:
-    """φ(v, K) / φ at its 95 % limit: cast iron brakes twice as hard at the end of a stop; (n,)."""
-    uncertain = np.abs(rim - vehicle.friction_speed.value) * vehicle.friction_fade.tolerance
-    share: Floats = physics.friction_share(rim, K, vehicle) + Z95 * uncertain
-    return share
-
-
-def _slide_together(sliding: Bools, t: Times, start_ns: int) -> Finding:
-    """That all axles slide, and where; times [ns] of shape (n,)."""
-    spans = spans_of_mask(sliding, t, start_ns)
-    return Finding("all-axles-slide", "warning", count=int(sliding.sum()), spans=spans)
-
-
 def _without_delays(t: Floats, rim: Floats, intervals: Sequence[float]) -> Floats:
     """Rim speeds (axles, n) at times t (n,), without what the delay of a slow one may add.
 
@@ -169,7 +156,10 @@ def with_reference_speed(
         mean = replace(mean, friction_table=None)
     usual_force = np.nan_to_num(usual_force)
     braking = physics.braked(usual_force, physics.wheelset(mean, all_records[0].axle))
-    braking *= _highest_friction_share(np.nan_to_num(fastest), usual_force, mean)
+    # φ(v, K) / φ at its 95 % limit: cast iron brakes twice as hard at the end of a stop
+    rim_speed = np.nan_to_num(fastest)
+    uncertain = np.abs(rim_speed - mean.friction_speed.value) * mean.friction_fade.tolerance
+    braking *= physics.friction_share(rim_speed, usual_force, mean) + Z95 * uncertain
     if not known:
         braking = np.full(len(t), np.inf)
     v = np.empty(len(t))
@@ -181,7 +171,8 @@ def with_reference_speed(
     step = max(r.wheel_speed_step * vehicle.radius(r.axle).value for r in all_records)
     sliding = (fastest + step < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
-        findings.append(_slide_together(sliding, t, start_ns))
+        spans, count = spans_of_mask(sliding, t, start_ns), int(sliding.sum())
+        findings.append(Finding("all-axles-slide", "warning", count=count, spans=spans))
     no_delay = Parameter(0.0, 0.0)
     completed = [replace(r, train_speed_late=no_delay, train_speed_made=True) for r in records]
     return [replace(r, train_speed=np.interp(r.t, t, v)) for r in completed], findings

@@ -58,19 +58,16 @@ def standing(
     Where it reads its lowest value, its range may end there: that is no fault.
     """
     x = brake.data.value
-    if not np.ptp(x) and _all_vary(p, other_brakes):
-        return np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
+    if not np.ptp(x) and other_brakes:
+        top = max(float(c.data.value.max()) for c in other_brakes)
+        if all(np.ptp(c.data.value) > p.varies * top for c in other_brakes):
+            return np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
     silent = _silent(p, brake, equal_runs)
     flat = _flat_top(p, brake, equal_runs, silent)
     silent &= ~flat
     if silent.any() and _range_ends_low(p, brake, equal_runs):
         silent &= equal_runs.value > x.min()
     return equal_runs.repeated(silent), equal_runs.repeated(flat)
-
-
-def _all_vary(p: Params, other_brakes: Sequence[Channel]) -> bool:
-    top = max((float(c.data.value.max()) for c in other_brakes), default=0.0)
-    return bool(other_brakes) and all(np.ptp(c.data.value) > p.varies * top for c in other_brakes)
 
 
 def _flat_top(p: Params, brake: Channel, equal_runs: RepeatedRuns, silent: Bools) -> Bools:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
+from ..core.model import Bools, Channel, Floats, Quantity, fraction
 from ..core.physics import clamping_force
 from ..core.sample_times import SampleTimes
 from .choose import AxleChoice, Channels, Key
@@ -53,7 +53,9 @@ def find_wheel_faults(
             others = [k for k in channels if k[0] == "wheel_speed" and k != axle.speed]
             others += [k for k in channels if k[0] == "train_speed"]
             other_speeds = [channels[k] for k in others]
-            force = _held_force(speed, brake, axle.vehicle)
+            force, _ = SampleTimes(speed.data.t, speed.pieces).last_value(brake)
+            if brake.meaning == "pressure":
+                force = clamping_force(force, axle.vehicle)
             is_stuck = stuck(p, speed, repeats[axle.speed], force, other_speeds)
             faults[axle.speed] = [Fault("speed-stuck", is_stuck)]
     return {key: faults[key] for key in channels if key in faults}
@@ -89,7 +91,9 @@ def stuck(
     y, value = speed.data.value, equal_runs.value
     is_long_run = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
     if is_long_run.any():
-        is_long_run &= equal_runs.length >= p.stays * _usual_run_length(y)
+        # without the longest, which is on trial
+        lengths = np.sort(np.diff(np.flatnonzero(np.diff(y, prepend=np.nan)), append=len(y)))[:-1]
+        is_long_run &= equal_runs.length >= p.stays * (np.median(lengths) if len(lengths) else 1.0)
     if y.max() < 0.1 * p.slow and any(c.data.value.max() > p.fast for c in other_speeds):
         return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
     if not is_long_run.any():
@@ -143,18 +147,6 @@ def _stuck_train(
         if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
             frozen[equal_runs.start[-1] :] = False
     return frozen
-
-
-def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
-    """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
-    last_value, _ = SampleTimes(speed.data.t, speed.pieces).last_value(brake)
-    return clamping_force(last_value, vehicle) if brake.meaning == "pressure" else last_value
-
-
-def _usual_run_length(y: Floats) -> float:
-    """Usual number of samples with one value, the longest apart: that one is on trial."""
-    run_lengths = np.diff(np.flatnonzero(np.diff(y, prepend=np.nan)), append=len(y))
-    return float(np.median(np.sort(run_lengths)[:-1])) if len(run_lengths) > 1 else 1.0
 
 
 def _relative_change(

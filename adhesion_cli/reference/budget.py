@@ -76,10 +76,13 @@ def mean_budget(
         mean_force = phi * mean(axle.record.motor_clamping_smooth)
         share = _share(by_motors**2, variance)
         rows.append(Contribution(MOTORS, mean_force, "N", "B", by_motors, 1.0, by_motors, share))
+    record = axle.record
+    of_axle = {"wheel_radius": vehicle.radius(record.axle), ZERO: record.pressure_zero}
+    of_axle[CREEPAGE] = Parameter(1.0, record.creepage_doubt)
     for name, contribution in contributions.items():
         if name == MOTORS:
             continue
-        q = _quantity(name, axle.record, vehicle)
+        q = of_axle.get(name) or getattr(vehicle, name)
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
             unit = {ZERO: "Pa", CREEPAGE: "-"}.get(name) or quantities(Vehicle)[name].unit
@@ -89,14 +92,6 @@ def mean_budget(
     u = math.sqrt(variance)
     n = freedom(noise, u, samples)
     return tuple(rows), Coverage(u, coverage_factor(n), n if math.isfinite(n) else None)
-
-
-def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
-    if name == ZERO:
-        return record.pressure_zero
-    if name == CREEPAGE:
-        return Parameter(1.0, record.creepage_doubt)
-    return vehicle.radius(record.axle) if name == "wheel_radius" else getattr(vehicle, name)
 
 
 def _share(variance: float, total: float) -> float:

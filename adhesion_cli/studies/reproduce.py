@@ -134,17 +134,14 @@ def reproduce(
     varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
     progress("analysing one log of each")
     field_test = simulate.load("service-brake")
-    with tempfile.TemporaryDirectory() as folder:
-        exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
-        as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
-        printed_settings = Settings(analysis=exact, overrides=as_printed)
-        results = (
-            _analyze_scenario(Path(folder) / "constant.mcap", _constant(DELAY), printed_settings),
-            _analyze_scenario(Path(folder) / "varying.mcap", _swinging(0.5), printed_settings),
-            _analyze_scenario(
-                Path(folder) / "field-test.mcap", field_test, Settings(analysis=exact)
-            ),
-        )
+    exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
+    as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
+    printed_settings = Settings(analysis=exact, overrides=as_printed)
+    results = (
+        _analyze_scenario("constant.mcap", _constant(DELAY), printed_settings),
+        _analyze_scenario("varying.mcap", _swinging(0.5), printed_settings),
+        _analyze_scenario("field-test.mcap", field_test, Settings(analysis=exact)),
+    )
     measured = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
     text = "kept alive by process noise q = 1e-5"
     alternatives.append({"reading": text, "condition": "varying", "algo": "kalman", **measured})
@@ -232,13 +229,11 @@ def _constant(coasting: float) -> Scenario:
 
 def _with_sensors(s: Scenario, interval: float = INTERVAL, variance: float = POWER) -> Scenario:
     """The scenario logged at this interval with this noise of the wheel speed."""
-    sensors = tuple(
-        replace(x, rate=1.0 / interval, noise_variance=variance)
-        if x.signal == "wheel_speed"
-        else replace(x, rate=1.0 / interval)
-        for x in s.sensor
-    )
-    return replace(s, sensor=sensors)
+    sensors = [replace(x, rate=1.0 / interval) for x in s.sensor]
+    for i, x in enumerate(sensors):
+        if x.signal == "wheel_speed":
+            sensors[i] = replace(x, noise_variance=variance)
+    return replace(s, sensor=tuple(sensors))
 
 
 _run = cache(simulate.run)
@@ -254,10 +249,9 @@ def _estimate(
     assert np.array_equal(speed.t, brake.t)
     est = registry()[algo]
     w = wheelset(scenario.vehicle, 1)
-    # Not `validated`: some readings need values out of range.
-    F = compiled.batch(
-        est, est.Params(**parameters), w, speed.t, brake.value, speed.value, np.zeros(1, np.int64)
-    )[0]
+    p = est.Params(**parameters)  # not `validated`: some readings need values out of range
+    columns = speed.t, brake.value, speed.value
+    F = compiled.batch(est, p, w, *columns, np.zeros(1, np.int64))[0]
     true_force = np.interp(speed.t, simulation.t, simulation.signal("truth", 1))
     return speed.t.astype(np.float64) * 1e-9, F, true_force
 
@@ -270,9 +264,8 @@ def _swinging(frequency: float) -> Scenario:
     s = simulate.load("paper-varying")
     assert s.rail.wave is not None
     wave = Wave(s.rail.wave.amplitude, 1.0 / frequency)
-    return _with_sensors(
-        replace(s, duration=_SETTLING_SECONDS + _COUNTED_SECONDS, rail=replace(s.rail, wave=wave))
-    )
+    s = replace(s, duration=_SETTLING_SECONDS + _COUNTED_SECONDS, rail=replace(s.rail, wave=wave))
+    return _with_sensors(s)
 
 
 def _measure_varying(
@@ -300,19 +293,20 @@ def _measure_varying(
 # --- field test and files -----------------------------------------------------------------------
 
 
-def _analyze_scenario(path: Path, scenario: Scenario, settings: Settings) -> Result:
+def _analyze_scenario(name: str, scenario: Scenario, settings: Settings) -> Result:
     """What `analyze` makes of the scenario's log; the log is named, not kept."""
-    writer(path)(path, simulate.as_log(simulate.run(scenario)))
-    result = analyze(path, settings, list(PUBLISHED))
-    return replace(result, log=replace(result.log, path=path.name))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        writer(path)(path, simulate.as_log(simulate.run(scenario)))
+        result = analyze(path, settings, list(PUBLISHED))
+    return replace(result, log=replace(result.log, path=name))
 
 
 def _field_test(result: Result) -> Json:
     """NESO against the reference over the brake application, as in the paper's figure 6."""
     (axle,) = result.axles
-    comparison = metrics.compare(
-        axle.record, axle.estimates["neso"], axle.reference.force, axle.applications
-    )
+    columns = axle.estimates["neso"], axle.reference.force
+    comparison = metrics.compare(axle.record, *columns, axle.applications)
     assert comparison is not None
     values = metrics.measure(comparison)
     mean = float(np.mean(np.abs(np.concatenate(comparison.target))))

@@ -123,7 +123,9 @@ def find_brake_line(
     if braked is None:
         return None
     released = measured & rolling & (mean_x < _RELEASED * top) & ~grid.driven
-    coasting = _coasting_deceleration((slowing - motors)[released])
+    rates = (slowing - motors)[released]
+    rates = rates[np.abs(rates) < GRADIENT]  # driven stretches apart
+    coasting = float(np.median(rates)) if len(rates) >= FEWEST else RESISTANCE_OF_TRAINS.value
     by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting - motors
     zero = any_zero(top) if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked], friction[:, braked])
@@ -136,8 +138,11 @@ def find_brake_line(
     of_motors = float(np.mean(motor_sigma[braked])) / (line.slope * line.brake)
     lowest_x = -largest_nearby(-mean_x, 2 * grid.half_width)  # within a second
     least_acting = np.min(friction, axis=0) * (lowest_x - line.zero)
-    slows_less = _slows_less(grid, least_acting, rim_slowing - coasting - motors, line)
-    slows_less &= applied  # for long; wheels that slide together recover in between
+    # A brake that takes over from another one has the same deceleration at a higher pressure.
+    slowest = _LEAST_SHARE * line.slope * least_acting - _SIGMAS * grid.gradient_sigma
+    slows_less = erode(_agree(grid), 4 * grid.half_width) & applied
+    # for long; wheels that slide together recover in between
+    slows_less &= rim_slowing - coasting - motors < slowest
     recovers_not = np.min(rim_slowing[slows_less], initial=np.inf) > GRADIENT / 2.0
     return line._replace(
         sigma=math.hypot(line.sigma, of_rotating, of_motors),
@@ -190,19 +195,6 @@ class _Acting(NamedTuple):
 def _acting(x: Floats, friction: Floats) -> _Acting:
     acting = np.where(x > _APPLIED * float(np.max(x)), friction, 0.0)
     return _Acting(x, np.mean(acting * x, axis=0), np.mean(acting, axis=0))
-
-
-def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
-    """Where wheels that roll slow much less than the line says, shape (n,).
-
-    A brake that takes over from another one has the same deceleration at a higher pressure.
-    `acting` is the least that acts within a second; `rim_slowing` is by the brake [m/s²].
-    """
-    slowest = _LEAST_SHARE * line.slope * acting
-    slows_less: Bools = erode(_agree(grid), 4 * grid.half_width) & (
-        rim_slowing < slowest - _SIGMAS * grid.gradient_sigma
-    )
-    return slows_less
 
 
 def _agree(grid: Grid) -> Bools:
@@ -271,14 +263,6 @@ def _speed_effect(
     sigma = grid.gradient_sigma / math.sqrt(stops) * math.hypot(*(1.0 / x for x, _ in slowing))
     speeds = float(np.mean(v[is_slow])), float(np.mean(v[is_fast]))
     return SpeedEffect(factor_at_low / factor_at_high, sigma, *speeds)
-
-
-def _coasting_deceleration(slowing: Floats) -> float:
-    """The deceleration without brake [m/s²], by resistance and gradient; driven stretches apart."""
-    coasting = slowing[np.abs(slowing) < GRADIENT]
-    if len(coasting) < FEWEST:
-        return RESISTANCE_OF_TRAINS.value
-    return float(np.median(coasting))
 
 
 def _fit(

@@ -92,11 +92,11 @@ def explain_deceleration(
     if grids is None:
         return AS_STATED
     braked_share = train.braked_share(vehicle, len(axles))
-    rim_design = build_design(axles, vehicle, grids, braked_share)
+    rim_design = build_design(axles, vehicle, grids, braked_share, False)
     uses_train_speed = grids.fine.train is not None and not (rim_design and _may_be_late(axles))
     train_design = None
     if uses_train_speed:
-        train_design = build_design(axles, vehicle, grids, braked_share, by_train=True)
+        train_design = build_design(axles, vehicle, grids, braked_share, True)
     if rim_design is None:
         return AS_STATED._replace(design=train_design)
     explanation = _explain_design(rim_design, vehicle)

@@ -28,16 +28,12 @@ _FEWEST_BENT = 20  # samples: with fewer, γ is not known from what happens betw
 
 
 def build_design(
-    axles: Sequence[AxleChannels],
-    vehicle: Vehicle,
-    grids: Grids,
-    braked_share: float = 1.0,
-    by_train: bool = False,
+    axles: Sequence[AxleChannels], vehicle: Vehicle, grids: Grids, share: float, by_train: bool
 ) -> Design | None:
     """The pieces of a log; None where no brake application of wheels that roll is seen.
 
-    `braked_share` is of the train's mass, see `Train`. With `by_train` the train speed is taken,
-    not the mean of the rims.
+    `share` is that of the train's mass which is braked, see `Train`. With `by_train` the train
+    speed is taken, not the mean of the rims.
     """
     coarse_grid, fine_grid = grids
     train = fine_grid.train if by_train else None
@@ -57,9 +53,12 @@ def build_design(
     rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
     mean = float(v[samples].mean())
     w = wheelset(vehicle, axles[0].record.axle)
-    c = braked_share * float(braked(top, w)) * float(fade_share(mean, vehicle))
-    floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, braking, interval))
-    by_motors, motor_sigma = motor_deceleration(fine_grid, vehicle, axles, braked_share)
+    c = share * float(braked(top, w)) * float(fade_share(mean, vehicle))
+    # What straight lines through samples so far apart miss of ∫K dt, by a kink half way.
+    earlier, later = (np.interp(t + x, t, braking) for x in (-interval, interval))
+    missed = interval * float(np.max(np.abs(earlier - 2.0 * braking + later))) / 8.0
+    floor = math.hypot(FLOOR, rounding, c * missed)
+    by_motors, motor_sigma = motor_deceleration(fine_grid, vehicle, axles, share)
     floor = math.hypot(floor, DELAY_SIGMA * float(np.max(np.abs(by_motors), initial=0.0)))
     complete_speed = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
     d = Design(
@@ -193,9 +192,8 @@ def _pieces(
     """Samples of brakes and around them where all wheels roll; and each piece's run."""
     t: Floats = fine_grid.step * np.arange(len(force_share), dtype=np.float64)
     change = np.abs(np.interp(t + 0.5, t, force_share) - np.interp(t - 0.5, t, force_share))
-    near_change = ~erode(
-        (change < _CHANGE) & (force_share < RELEASED_SHARE), round(_CHANGE_MARGIN / fine_grid.step)
-    )
+    calm = (change < _CHANGE) & (force_share < RELEASED_SHARE)
+    near_change = ~erode(calm, round(_CHANGE_MARGIN / fine_grid.step))
     rolling: Bools = np.all(coarse_grid.rolling, axis=0)
     place = np.clip(np.rint(t / coarse_grid.step).astype(int), 0, len(rolling) - 1)
     usable: Bools = near_change & rolling[place] & finite & (v > CRAWL)
@@ -219,12 +217,6 @@ def longer_interval(a: AxleChannels) -> float:
     change_times = t[np.flatnonzero(np.diff(x) != 0.0)]
     pressure = float(np.median(np.diff(change_times))) if len(change_times) > 1 else 0.0
     return max(float(np.median(np.diff(a.record.t))), pressure) * 1e-9
-
-
-def _missed_impulse(t: Floats, K: Floats, interval: float) -> float:
-    """What straight lines through samples so far apart miss of ∫K dt, by a kink half way."""
-    earlier, later = (np.interp(t + x, t, K) for x in (-interval, interval))
-    return interval * float(np.max(np.abs(earlier - 2.0 * K + later))) / 8.0
 
 
 def _rounding_sigma(a: AxleChannels) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from ...core import toml
 from ...core.finding import Finding
 from ...core.masks import erode
-from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
+from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL
 from ...core.units import UNITS, alternative_units
 from ...train.grid import FEWEST, Grid
@@ -34,7 +34,10 @@ class Params(NamedTuple):
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Against the train's speed, else against the other axles'."""
     axles, g = s.axles, s.grid
-    floor = p.floor + max(_rounding(a.speed, g.step, s.vehicle) for a in axles)
+    # What is left of a wheel speed's quantisation in the mean over a step of the grid [m/s].
+    intervals = [1.0 / a.speed.rate_hz if a.speed.rate_hz else 0.0 for a in axles]
+    steps = (a.speed.coarsest * min(1.0, x / g.step) for a, x in zip(axles, intervals, strict=True))
+    floor = p.floor + max(r.value for r in s.vehicle.wheel_radius) * max(steps) / 2.0
     if axles[0].train is not None:
         floor += axles[0].train.step / 3.0
     of_another_unit = {}
@@ -87,13 +90,6 @@ def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> floa
         return 1.0
     clear = differs >= allowed and differs * float(np.nanmedian(reference)) >= 2.0 * floor
     return scale if clear else 1.0
-
-
-def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
-    """What is left of a wheel speed's quantisation in the mean over a step of the grid [m/s]."""
-    interval = 1.0 / speed.rate_hz if speed.rate_hz else 0.0
-    rim = max(r.value for r in vehicle.wheel_radius) * speed.coarsest
-    return rim * min(1.0, interval / step) / 2.0
 
 
 def _is_unbraked(g: Grid, i: int) -> Bools:
