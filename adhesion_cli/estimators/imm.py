@@ -369,12 +369,10 @@ def _update_train(
     share = weight_stopped / (weight_stopped + weight_earlier)
     speed = train.speed + share * (rolling.x - train.speed)
     variance = (1.0 - share) * (squared(train.doubt) + squared(train.speed - speed))
-    variance += share * (
-        rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
-    )
-    rate = train.slows + share * (
-        w.a * (w.phi * s.surroundings.clamping.K - rolling.r) - train.slows
-    )
+    spread = rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
+    variance += share * spread
+    own_rate = w.a * (w.phi * s.surroundings.clamping.K - rolling.r)
+    rate = train.slows + share * (own_rate - train.slows)
     return TrainMotion(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
 
 
@@ -429,9 +427,8 @@ def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -
     a, b = s.held, s.moving
     mu_stays, mu_back = a.p * (1.0 - p_leaves), b.p * p_stops
     x = (mu_stays * a.x + mu_back * b.x) / (mu_stays + mu_back)
-    xx = (mu_stays * (a.xx + squared(a.x - x)) + mu_back * (b.xx + squared(b.x - x))) / (
-        mu_stays + mu_back
-    )
+    spread = mu_stays * (a.xx + squared(a.x - x)) + mu_back * (b.xx + squared(b.x - x))
+    xx = spread / (mu_stays + mu_back)
     held_prior = uncorrelated(x, xx + squared(p.held * scale) * h, 0.0, 0.0, mu_stays + mu_back)
     held_posterior, d_h = update(held_prior, reading)
     moving_prior = merge(a, b, b, a.p * p_leaves, b.p * (1.0 - p_stops), 0.0)

@@ -35,9 +35,8 @@ def add_slides(
     rows = {row.axle: row for row in stop.axles}
     for axle, of_axle in zip(result.axles, applications, strict=True):
         row = rows.get(axle.record.axle)
-        inside = [
-            a for a in of_axle if a.slides and a.start_s < stop.end_s and a.end_s > stop.start_s
-        ]
+        shared = (a for a in of_axle if a.start_s < stop.end_s and a.end_s > stop.start_s)
+        inside = [a for a in shared if a.slides]
         if row is not None and inside:
             t = (axle.record.t - result.log.start_ns()) * np.float64(1e-9)
             slides = _SlidesOfAxle(t, (stop.start_s, stop.end_s), axle, result.vehicle, inside)

@@ -193,12 +193,10 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         fitted_to = [UnbrokenRun(*(c[::2].copy() for c in run)) for run in informative]
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
-        wheel = [
-            run._replace(
-                own_variance=run.own_variance + noise_fit.common_noise(run, r.wheel_speed_steps)
-            )
-            for r, run in zip(runs, wheel, strict=True)
-        ]
+        steps = (r.wheel_speed_steps for r in runs)
+        common = map(noise_fit.common_noise, wheel, steps)
+        noisy = zip(wheel, common, strict=True)
+        wheel = [run._replace(own_variance=run.own_variance + x) for run, x in noisy]
         informative = fitted_to = [informative_samples(run) for run in wheel]
         rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
         slack, white = SLACK, wheel
@@ -214,27 +212,24 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         fitted = noise_fit.fit_again(fitted_to, regimes, prior, slack, fitted)
     pairs = zip(wheel, informative, strict=True)
     rates = [rate_of_change(*pair, regimes, fitted) for pair in pairs]
-    averaged, judged, level = 0.0, fitted_to, fitted
+    averaged, judged, levels = 0.0, fitted_to, fitted
     if not counts and not lag and not runs[0].pressure_late.value:  # these look alike
         known = runs, wheel, informative, fitted, regimes, prior
         averaged, mean_rates, means, noise_of_means = _as_means(*known)
         if mean_rates:
-            rates = [
-                noise_fit.mix_estimates(*pair, averaged)
-                for pair in zip(rates, mean_rates, strict=True)
-            ]
+            both = zip(rates, mean_rates, strict=True)
+            rates = [noise_fit.mix_estimates(*pair, averaged) for pair in both]
         if averaged > LIKELY:
-            judged, level = means, noise_of_means
-    squares = [_rolling_squares(run, regimes, level) for run in judged]
+            judged, levels = means, noise_of_means
+    squares = [_rolling_squares(run, regimes, levels) for run in judged]
     rolls = len(regimes.start) == 1 and _sparse(runs)
     force_of = _between_samples if rolls else _noise
     forces = [force_of(*pair, w) for pair in zip(clamping, rates, strict=True)]
-    variance = math.inf if counts else level.measurement  # a count is a mean, not a level
+    variance = math.inf if counts else levels.measurement  # a count is a mean, not a level
     estimates, runs_of_wheel = [], zip(forces, rates, squares, wheel, clamping, strict=True)
     for (K, sigma), (rate, _), z2, run, c in runs_of_wheel:
         speed_sigma = np.maximum(np.sqrt(variance + run.own_variance), np.abs(_misfit(run, rate)))
-        clamping_sigma = w.phi * np.hypot(c.sigma, c.missed)
-        by_noise = speed_sigma, clamping_sigma
+        by_noise = speed_sigma, w.phi * np.hypot(c.sigma, c.missed)
         estimates.append(RunEstimate(K, rate, sigma, averaged, z2, *by_noise, lag))
     return estimates
 
@@ -298,9 +293,8 @@ def _as_means(
     means = [informative_samples(run, mean=True) for run in wheel]
     probability, noise = 0.5, fitted
     if not _sparse(runs):
-        probability, noise = noise_fit.probability_of_means(
-            informative, means, fitted, regimes, prior
-        )
+        samples = informative, means
+        probability, noise = noise_fit.probability_of_means(*samples, fitted, regimes, prior)
     pairs = zip(wheel, means, strict=True) if probability > noise_fit.NEVER else ()
     rates = [rate_of_change(*pair, regimes, noise) for pair in pairs]
     return probability, rates, means, noise
@@ -365,9 +359,8 @@ def _between_samples(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> V
     variance_here = rate[1] ** 2
     variance_there = np.interp(n, measured_index, rate[1][measured_index] ** 2)
     missed = (w.phi * c.missed) ** 2
-    gain = missed / np.maximum(
-        missed + (variance_here + variance_there) / rate_per_force**2, noise_fit.FLOOR
-    )
+    total = missed + (variance_here + variance_there) / rate_per_force**2
+    gain = missed / np.maximum(total, noise_fit.FLOOR)
     K = c.K - gain * departure / rate_per_force / w.phi
     rate_gain = gain / (1.0 - w.rolling)
     variance = (1.0 - gain) ** 2 * missed + (
@@ -390,9 +383,8 @@ def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> Unb
     """The run as a rolling wheel: ω̇ known from K except δ."""
     t = seconds_of(run)
     y, own_variance = remove_steps(t, run.wheel_speed, run.wheel_speed_steps)
-    return UnbrokenRun(
-        t, y - ripple, **_inputs(t, K, w), own_variance=own_variance, span=np.zeros(len(t))
-    )
+    own = {"own_variance": own_variance, "span": np.zeros(len(t))}
+    return UnbrokenRun(t, y - ripple, **_inputs(t, K, w), **own)
 
 
 def _inputs(t: Floats, K: Floats, w: Wheelset) -> dict[str, Floats]:

@@ -202,11 +202,8 @@ def compare(
     record: AxleRecord, estimate: Floats, target: Floats, applications: Iterable[slice]
 ) -> EstimateAndTarget | None:
     """Estimate [N] and target [N], shape (n,), in the applications; None without a sample."""
-    pairs = [
-        (s, finite)
-        for s in applications
-        if (finite := np.isfinite(estimate[s]) & np.isfinite(target[s])).any()
-    ]
+    masks = ((s, np.isfinite(estimate[s]) & np.isfinite(target[s])) for s in applications)
+    pairs = [(s, finite) for s, finite in masks if finite.any()]
     if not pairs:
         return None
     return EstimateAndTarget(
@@ -304,14 +301,9 @@ def rank(scores: Iterable[Score]) -> tuple[Score, ...]:
     """The scores, least rmse first and those without one last, each with rmse over the least."""
     order = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
     best = order[0].rmse_n if order else None
-    return tuple(
-        replace(
-            s,
-            relative=s.rmse_n / best if best and s.rmse_n is not None else None,
-            alike=same_within_noise(s, order[0]),
-        )
-        for s in order
-    )
+    ratios = [s.rmse_n / best if best and s.rmse_n is not None else None for s in order]
+    pairs = zip(order, ratios, strict=True)
+    return tuple(replace(s, relative=x, alike=same_within_noise(s, order[0])) for s, x in pairs)
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -93,10 +93,8 @@ def calibrate(
         progress(f"reading {path.name}")
         settings_of_log, log = read_log(path, settings)
         if settings_of_log.analysis.vehicle != settings.analysis.vehicle:
-            raise UserError(
-                f"{path.name}: a result, whose vehicle has the evidence of its log already",
-                "name the logs themselves: each counts once",
-            )
+            text = f"{path.name}: a result, whose vehicle has the evidence of its log already"
+            raise UserError(text, "name the logs themselves: each counts once")
         loaded, load_findings = load_vehicle(settings_of_log, log)
         log = replace(log, findings=(*load_findings, *log.findings))
         checks, track = settings_of_log.checks, settings_of_log.track
@@ -104,9 +102,8 @@ def calibrate(
         all_settings.append(settings_of_log)
         read_logs.append((replace(log, channels=()), aligned))
     _one_vehicle(all_settings)
-    settings = all_settings[0]
     aligned_logs = [aligned for _, aligned in read_logs]
-    settings = with_any_wheel(aligned_logs, settings)
+    settings = with_any_wheel(aligned_logs, all_settings[0])
     equal_logs, mean = as_equal_axles(aligned_logs, settings)
     prior_vehicle, _ = find_prior(equal_logs, replace(settings, vehicle=mean))
     vehicle = prior_vehicle.vehicle  # of the mean axle
@@ -178,15 +175,12 @@ def _rolling_logs(logs: Sequence[UsedLog]) -> list[UsedLog]:
     """The logs in whose brakes wheels roll; refuses none, and K beside pressures."""
     rolling = [u for u in logs if u.evidence.applications()]
     if not rolling:
-        raise UserError(
-            f"{logs[0].log.path}: no log has a brake application in which all wheels roll",
-            "record service brakes on a dry rail, with 6 s before and after each",
-        )
+        text = f"{logs[0].log.path}: no log has a brake application in which all wheels roll"
+        hint = "record service brakes on a dry rail, with 6 s before and after each"
+        raise UserError(text, hint)
     if len({u.record.pressure is None for u in rolling}) > 1:
-        raise UserError(
-            "some logs have a clamping force, others a pressure",
-            "calibrate them apart: a clamping force does not contain the brake's efficiency",
-        )
+        hint = "calibrate them apart: a clamping force does not contain the brake's efficiency"
+        raise UserError("some logs have a clamping force, others a pressure", hint)
     return rolling
 
 

@@ -247,8 +247,7 @@ def _delay_by_line(d: Design) -> float:
 def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:
     """Whether the force line s (K − o) is outside of what is stated; o is a share of `top` [N]."""
     offset_limit = STATED_SIGMAS * longitudinal.spring_share(top, vehicle).tolerance
-    factor_limit = math.log1p(
-        math.hypot(STATED_SIGMAS * longitudinal.tolerance(vehicle), offset_limit)
-    )
+    force_limit = STATED_SIGMAS * longitudinal.tolerance(vehicle)
+    factor_limit = math.log1p(math.hypot(force_limit, offset_limit))
     largest_factor = max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3))))
     return abs(o) > max(_SMALL_OFFSET, offset_limit) or largest_factor > factor_limit

@@ -370,9 +370,8 @@ def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
             continue
         known, y = u[finite], x[s][finite]
         inside = (t >= known[0]) & (t <= known[-1])
-        left, right = (
-            np.clip(t[inside] + side, known[0], known[-1]) for side in (-half_step, half_step)
-        )
+        ends = t[inside] - half_step, t[inside] + half_step
+        left, right = (np.clip(x, known[0], known[-1]) for x in ends)
         area = running_integral(known, y)
         gained = np.interp(right, known, area) - np.interp(left, known, area)
         bridged = np.interp(t[inside], u, finite) < 0.5  # no gap is bridged

@@ -245,13 +245,9 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
     rises = np.maximum(np.diff(pressure, axis=0), 0.0)
     empty = _empty(n, axles, h)
     stop = _on_rail(empty._replace(train_speed=v, distance=x, rim_speed=rim), plant, track)
-    return stop._replace(
-        controller=LOGGED,
-        demand=np.interp(np.arange(n) * h, demand.t[:-1], demand.p[:-1]),
-        pressure=pressure,
-        force=force,
-        air=_litres(float(np.sum(rises)), scenario.antiskid),
-    )
+    demanded = np.interp(np.arange(n) * h, demand.t[:-1], demand.p[:-1])
+    stop = stop._replace(controller=LOGGED, demand=demanded, pressure=pressure, force=force)
+    return stop._replace(air=_litres(float(np.sum(rises)), scenario.antiskid))
 
 
 def _empty(ticks: int, axles: int, h: float) -> Stop:

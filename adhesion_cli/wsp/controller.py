@@ -46,14 +46,8 @@ class Drives(Protocol):
         """Energises the valves or not; with both at rest the brake sets the pressure."""
 
 
-KIND = Kind(
-    "wsp/controllers",
-    "a controller",
-    About,
-    ("judged", "valve"),
-    "the slip it decided on and the command",
-    "wsp.controller",
-)
+_STATE = ("judged", "valve"), "the slip it decided on and the command"
+KIND = Kind("wsp/controllers", "a controller", About, *_STATE, "wsp.controller")
 
 
 def registry() -> dict[str, Method]:

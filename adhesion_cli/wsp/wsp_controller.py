@@ -56,14 +56,8 @@ class ParameterSet(NamedTuple):
 SLOPE = ParameterSet("slope", slope.Params)
 # Found by benchmarks/tune.py: faster than for a log, forgetting by time only, and in slip itself,
 # as in the patent. The law needs the slope at the present slip.
-SLOPE_IN_LOOP = {
-    "delta": 4.0,
-    "rho": 2.3,
-    "straight": 1e9,
-    "knee": 1e3,
-    "guard": 1.6,
-    "doubt": 0.575,
-}
+SLOPE_IN_LOOP = {"delta": 4.0, "rho": 2.3, "straight": 1e9, "knee": 1e3}
+SLOPE_IN_LOOP |= {"guard": 1.6, "doubt": 0.575}
 
 
 class Constants(NamedTuple):
@@ -105,12 +99,8 @@ class Chosen(NamedTuple):
     def stand_ins(self) -> dict[Any, Any]:
         """Its methods' functions, by the names in `start` and `tick` that they replace."""
         est, law = self.estimator, self.controller
-        return {
-            estimate_init: est.init,
-            estimate_step: est.step,
-            control_init: law.init,
-            control_step: law.step,
-        }
+        estimates = {estimate_init: est.init, estimate_step: est.step}
+        return {**estimates, control_init: law.init, control_step: law.step}
 
 
 # --- one tick: plain Python that compiles ---------------------------------------------------------
