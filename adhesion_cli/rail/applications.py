@@ -73,6 +73,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     locks = [x.duration for x in all_locks if samples.start <= x.samples.start < samples.stop]
     slips = [x.max_slip for x in slides if x.max_slip is not None]
     energies = [x.energy for x in slides if x.energy is not None]
+    by_force = sum(energies) * force.mean_u95 / max(abs(force.mean), 1e-9) if force else 0.0
     rail = rails.get(slides[0].start) if slides else None
     slide_list = tuple(summarise_slide(x, log_start, route, rail) for x in slides)
     utilisation = rail.utilisation if rail else None
@@ -92,7 +93,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_distance_m=sum(x.distance for x in slides),
         max_slip=1.0 if locks else max(slips, default=None),
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
-        slide_energy_u95_j=force and _energy_u95(force, sum(energies), slides),
+        slide_energy_u95_j=force and math.hypot(by_force, sum(x.lock_u95 for x in slides)),
         at_least=any(x.is_lower_bound for x in slides),
         utilisation=utilisation and utilisation.value,
         utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
@@ -110,12 +111,6 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_position_km=slide_list[0].position_km if slide_list else None,
         ed_share=work and motor_share([work], vehicle),
     )
-
-
-def _energy_u95(force: MeanAndHighest, energy: float, slides: Sequence[Slide]) -> float:
-    """Expanded uncertainty of the energy of slides [J]: that of F, and that of locks."""
-    by_force = energy * force.mean_u95 / max(abs(force.mean), 1e-9)
-    return math.hypot(by_force, sum(x.lock_u95 for x in slides))
 
 
 def summarise_slide(

@@ -257,13 +257,6 @@ def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, peaks: Floats
             peaks[i, j, 0], peaks[i, j, 1] = math.exp(log_peak), highest
 
 
-def _find_peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats) -> Floats:
-    """Slip and μ of the largest adhesion, shape (rails, speeds, 2)."""
-    peaks = np.empty((len(rails), len(speed), 2))
-    compiled.function(_peaks)(rails, patch, bend, speed, peaks)
-    return peaks
-
-
 def curve(rail: Condition, speed: Floats | float, slip: Floats, vehicle: Vehicle) -> Floats:
     """μ at each slip and a train speed [m/s], one for all or one for each, shape of `slip`."""
     patch = Contact().patch(vehicle.axle_mass.value * G)
@@ -370,9 +363,9 @@ def _summarise_draws(
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
     at_speeds = np.append(speed, speeds)
-    peaks, peaks_with_errors = (
-        _find_peaks(x, setup.patch, setup.shape, at_speeds) for x in (curves, curves_with_errors)
-    )
+    peaks, peaks_with_errors = both = np.empty((2, len(curves), len(at_speeds), 2))
+    for rails_of, found in zip((curves, curves_with_errors), both, strict=True):
+        compiled.function(_peaks)(rails_of, setup.patch, setup.shape, at_speeds, found)
     peak_slip, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
     lowest, highest = np.quantile(setup.p.slip, _SLIP_QUANTILES).tolist()
     slip_limit = max(peak_slip.upper, lowest)  # of less slip there are no points
