@@ -28,7 +28,7 @@ class Lock(NamedTuple):
 
 
 def find_locks(
-    t: Floats, v: Floats, rim: Floats, limits: LockLimits, runs: Iterable[slice] = (slice(None),)
+    t: Floats, v: Floats, rim: Floats, limits: LockLimits, runs: Iterable[slice] = (slice(0, None),)
 ) -> list[Lock]:
     """The locks of a wheel, in the order of time, none across two runs.
 

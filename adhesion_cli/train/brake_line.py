@@ -138,11 +138,8 @@ def find_brake_line(
     of_motors = float(np.mean(motor_sigma[braked])) / (line.slope * line.brake)
     lowest_x = -largest_nearby(-mean_x, 2 * grid.half_width)  # within a second
     least_acting = np.min(friction, axis=0) * (lowest_x - line.zero)
-    # A brake that takes over from another one has the same deceleration at a higher pressure.
-    slowest = _LEAST_SHARE * line.slope * least_acting - _SIGMAS * grid.gradient_sigma
-    slows_less = erode(_agree(grid), 4 * grid.half_width) & applied
-    # for long; wheels that slide together recover in between
-    slows_less &= rim_slowing - coasting - motors < slowest
+    slows_less = _slows_less(grid, least_acting, rim_slowing - coasting - motors, line)
+    slows_less &= applied  # for long; wheels that slide together recover in between
     recovers_not = np.min(rim_slowing[slows_less], initial=np.inf) > GRADIENT / 2.0
     return line._replace(
         sigma=math.hypot(line.sigma, of_rotating, of_motors),
@@ -195,6 +192,16 @@ class _Acting(NamedTuple):
 def _acting(x: Floats, friction: Floats) -> _Acting:
     acting = np.where(x > _APPLIED * float(np.max(x)), friction, 0.0)
     return _Acting(x, np.mean(acting * x, axis=0), np.mean(acting, axis=0))
+
+
+def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
+    """Where wheels that roll slow much less than the line says, shape (n,).
+
+    A brake that takes over from another one has the same deceleration at a higher pressure.
+    `acting` is the least that acts within a second; `rim_slowing` is by the brake [m/s²].
+    """
+    slowest = _LEAST_SHARE * line.slope * acting - _SIGMAS * grid.gradient_sigma
+    return erode(_agree(grid), 4 * grid.half_width) & (rim_slowing < slowest)
 
 
 def _agree(grid: Grid) -> Bools:
