@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.model import Log, Parameter, Result, Track, Vehicle
 from ..core.physics import wheelset
-from ..core.summary import BrakeApplication, Measured, StopSummary
+from ..core.summary import BrakeApplication, Measured, StopSummary, largest_slip
 from ..rail.stop_slides import add_slides
 from ..records.faults import Window
 from ..records.route import find_route
@@ -85,7 +85,7 @@ def _with_adhesion(
 ) -> StopSummary:
     """A stop with the mean adhesion coefficient of all axles, and their slides."""
     total = seconds = error = 0.0
-    slides, slips, other_brake = 0, [], False
+    slides, other_brake, inside = 0, False, list[BrakeApplication]()
     for of_axle in applications:
         for a in of_axle:
             shared = min(a.end_s, stop.end_s) - max(a.start_s, stop.start_s)
@@ -93,7 +93,7 @@ def _with_adhesion(
                 continue
             slides += a.slides
             other_brake |= a.other_brake
-            slips += [a.max_slip] if a.max_slip is not None else []
+            inside.append(a)
             mu = a.coefficient
             if mu and math.isfinite(mu.mean) and math.isfinite(mu.mean_u95):
                 seconds += shared
@@ -101,7 +101,8 @@ def _with_adhesion(
                 error += shared * mu.mean_u95  # one vehicle: its errors are common
     coefficient = Measured(total / seconds, *[error / seconds] * 2) if seconds else None
     stop = replace(stop, coefficient=coefficient, other_brake=other_brake)
-    return replace(stop, slides=slides, max_slip=max(slips, default=None))
+    slip, slip_u95 = largest_slip(inside)
+    return replace(stop, slides=slides, max_slip=slip, max_slip_u95=slip_u95)
 
 
 def _ed_share(stop: StopSummary, result: Result) -> Measured | None:

@@ -713,6 +713,7 @@ class AxleResult:
     applications: tuple[slice, ...]  # brake applications found in the record
     slip: Floats | None = None  # s, NaN below the speed limit
     slip_noise: Floats | None = None  # standard uncertainty by noise, NaN below the speed limit
+    radius_share: float = 0.0  # 1 sigma of the wheel's radius against the train speed, as a share
     slope: Floats | None = None  # dμ/ds, NaN where not observable
     slope_confidence: Floats | None = None  # 0 not observable, 1 certain
     region: Regions | None = None  # index into `slope.REGIONS`

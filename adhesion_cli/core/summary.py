@@ -4,9 +4,9 @@ Names are those of the JSON. None is what the log does not show.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 from . import finding, model
 from .model import NOT_IN_JSON, Z95, Floats, Number, Quantity
@@ -18,6 +18,8 @@ JERK = (
     "excess by noise; not known with fewer than 4 readings a second"
 )
 HIGHEST = "highest mean over `analysis.peak_time`; null: its interval holds both µ = 0 and µ = 0.1"
+U95, OF_BOUND = "expanded uncertainty (95 %)", "null of a lower bound"
+SLIP_U95 = f"{U95} of the largest slip; {OF_BOUND}"
 SLIDE_SPAN = "from 1 % of slip to 1 % of slip, with more than 5 % for 0.1 s or more between"
 
 
@@ -78,6 +80,21 @@ class SlideSummary(NamedTuple):
     position_km: Annotated[Number, Quantity("km", "place at its begin; null: not known")] = None
     latitude: Annotated[Number, Quantity("°", "north positive, at its begin")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at its begin")] = None
+    duration_u95_s: Annotated[Number, Quantity("s", f"{U95} of its duration; {OF_BOUND}")] = None
+    max_slip_u95: Annotated[Number, Quantity("-", SLIP_U95)] = None
+
+
+class _HasSlip(Protocol):
+    @property
+    def max_slip(self) -> float | None: ...
+    @property
+    def max_slip_u95(self) -> float | None: ...
+
+
+def largest_slip(rows: Iterable[_HasSlip]) -> tuple[float, float | None] | tuple[None, None]:
+    """The largest slip of what has one, and its expanded uncertainty [-]."""
+    slips = [(x.max_slip, x.max_slip_u95) for x in rows if x.max_slip is not None]
+    return max(slips, key=lambda slip: slip[0], default=(None, None))
 
 
 class Measured(NamedTuple):
@@ -104,6 +121,7 @@ class BrakeApplication:
     slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
     slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
     max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null without a slide")]
+    max_slip_u95: Annotated[Number, Quantity("-", SLIP_U95)] = None
     slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where F is not known")]
     slide_energy_u95_j: Annotated[
         Number,
@@ -192,6 +210,7 @@ class AxleStop(NamedTuple):
     at_least: Annotated[
         bool, Quantity("", "whether slip and energy are lower bounds: the train speed may be wrong")
     ] = False
+    max_slip_u95: Annotated[Number, Quantity("-", SLIP_U95)] = None
 
 
 class StopContribution(NamedTuple):
@@ -247,10 +266,12 @@ class StopSummary:
     ] = None
     response_time_s: Annotated[
         Measured | None,
-        Quantity(
-            "s", "equivalent: delay and half of the build-up; null under slides or other brakes"
-        ),
+        Quantity("s", "equivalent: delay and half of the build-up; null under slides"),
     ]
+    response_from: Annotated[
+        Literal["brakes", "deceleration"] | None,
+        Quantity("", "what shows the response; deceleration: another brake acts, or other cars do"),
+    ] = None
     mean_deceleration: Annotated[Measured | None, Quantity("m/s²", "v0² / (2 s)")]
     equivalent_deceleration: Annotated[
         Measured | None, Quantity("m/s²", "v0² / (2 (s − v0 t_e)), without the response time")
@@ -271,6 +292,7 @@ class StopSummary:
     ] = False
     slides: Annotated[int, Quantity("", "number of slides of all axles")] = 0
     max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null: no slide")] = None
+    max_slip_u95: Annotated[Number, Quantity("-", SLIP_U95)] = None
     sanding_s: Annotated[Number, Quantity("s", "time of sanding; null without its channel")] = None
     reservoir_drop_pa: Annotated[
         Number, Quantity("Pa", "fall of the reservoir's pressure; null without its channel")

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from ..core import physics, threads
 from ..core.model import AxleResult, Floats, Times, Vehicle
-from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest, SlideSummary
+from ..core.summary import (
+    BrakeApplication,
+    Contribution,
+    Coverage,
+    MeanAndHighest,
+    SlideSummary,
+    largest_slip,
+)
 from ..records.route import NOWHERE, Route
 from ..reference import budget
 from ..reference.brake_work import brake_work, motor_share
@@ -71,7 +78,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     place = route.at(int(record.t[samples.start]))
     locks = [x.duration for x in all_locks if samples.start <= x.samples.start < samples.stop]
-    slips = [x.max_slip for x in slides if x.max_slip is not None]
+    slip, slip_u95 = (1.0, 0.0) if locks else largest_slip(slides)
     energies = [x.energy for x in slides if x.energy is not None]
     by_force = sum(energies) * force.mean_u95 / max(abs(force.mean), 1e-9) if force else 0.0
     rail = rails.get(slides[0].start) if slides else None
@@ -91,7 +98,8 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_list=slide_list,
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
-        max_slip=1.0 if locks else max(slips, default=None),
+        max_slip=slip,
+        max_slip_u95=slip_u95,
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
         slide_energy_u95_j=force and math.hypot(by_force, sum(x.lock_u95 for x in slides)),
         at_least=any(x.is_lower_bound for x in slides),
@@ -125,6 +133,8 @@ def summarise_slide(
         max_slip=slide.max_slip,
         energy_j=slide.energy,
         at_least=slide.is_lower_bound,
+        duration_u95_s=slide.duration_u95,
+        max_slip_u95=slide.max_slip_u95,
         peak_mu=mu and mu.value,
         peak_mu_ci=mu and (mu.lower, mu.upper),
         utilisation=rail.utilisation.value if rail and rail.utilisation else None,

@@ -1,9 +1,11 @@
 """Slides and changes of region, of a log or of a stop in closed loop."""
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.masks import runs_within, true_runs
 from ..core.model import Bools, Event, Floats, Regions, Times
@@ -12,6 +14,7 @@ from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]
 END_SLIP = 0.01  # slip at which a slide is over
+_ROLLS = END_SLIP / 2.0  # a wheel that slips less rolls, whatever the error
 SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
 _VENTED = 0.8  # of the largest brake force in a lock: less at its end lets the wheel turn
 _SHORTEST_REGION = 0.5  # least duration of a region that is an event [s]
@@ -32,6 +35,9 @@ class Slide(NamedTuple):
     energy: float | None  # None without F
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
     lock_u95: float = 0.0  # expanded uncertainty of the energy by the F of locks [J]
+    # expanded uncertainties; None of a lower bound
+    duration_u95: float | None = None  # [s]
+    max_slip_u95: float | None = None  # [-]
 
     @property
     def lag_at_most(self) -> float:
@@ -55,14 +61,18 @@ def slides(  # noqa: PLR0913 (one column each)
     is_lower_bound: bool,
     noise: Floats | None = None,
     brake: Floats | None = None,
+    error: Floats | None = None,
 ) -> Iterator[Slide]:
     """Slides in the order of time, none across two segments.
 
     All columns have shape (n,): times [ns], train speed [m/s], slip, slip minus its possible error,
-    adhesion force [N]; and `noise` of slip, which a slide must exceed, and `brake` force at the rim
-    [N]. `is_lower_bound` is as in `Slide`.
+    adhesion force [N]; and `noise` of slip, which a slide must exceed, `brake` force at the rim
+    [N], and the `error` of slip that lasts, expanded. `is_lower_bound` is as in `Slide`.
     """
-    for samples in runs_within(certain_slip > END_SLIP, segments):
+    parts, extent = [*segments], None
+    errors = s if error is None else np.hypot(error, 0.0 if noise is None else noise)
+    columns = t, v, s, errors
+    for samples in runs_within(certain_slip > END_SLIP, parts):
         seconds = (t[samples] - t[samples.start]) * 1e-9
         deep: Bools = certain_slip[samples] > SLIDE + (0.0 if noise is None else noise[samples])
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:
@@ -70,9 +80,9 @@ def slides(  # noqa: PLR0913 (one column each)
         fast = v[samples] > WORKING
         sliding_speed = s[samples] * v[samples]  # v − ωR = s v
         known = np.maximum(F[samples], 0.0)  # a braked wheel that slides is not driven
-        force, error = over_locks(known, None if brake is None else brake[samples])
+        force, force_error = over_locks(known, None if brake is None else brake[samples])
         is_known = bool(np.isfinite(known).any())
-        yield Slide(
+        slide = Slide(
             samples,
             int(t[samples.start]),
             float(seconds[-1]),
@@ -80,8 +90,63 @@ def slides(  # noqa: PLR0913 (one column each)
             min(float(s[samples][fast].max()), 1.0) if fast.any() else None,  # noise of a lock
             float(np.trapezoid(force * sliding_speed, seconds)) if is_known else None,
             is_lower_bound,
-            float(np.trapezoid(error * sliding_speed, seconds)) if is_known else 0.0,
+            float(np.trapezoid(force_error * sliding_speed, seconds)) if is_known else 0.0,
         )
+        if error is None:
+            yield slide
+            continue
+        if extent is None or not extent.segment.start <= samples.start < extent.segment.stop:
+            extent = _Extent(next(x for x in parts if x.start <= samples.start < x.stop), columns)
+        yield extent.measured(slide)
+
+
+class _Extent:
+    """How long slides last, and how uncertain that and their largest slip are.
+
+    A slide lasts from `END_SLIP` to `END_SLIP`. Its error moves both ends: the interval is from the
+    slip less its error to the slip with it. A wheel with half of that slip rolls. It crosses the
+    limit between samples, and slips most between them.
+    """
+
+    def __init__(self, segment: slice, columns: tuple[Times, Floats, Floats, Floats]) -> None:
+        t, self.v, s, self.error = (x[segment] for x in columns)
+        self.segment, self.t, self.s = segment, t, s
+        self.seconds: Floats = (t - t[0]) * np.float64(1e-9)
+        self.interval = float(np.median(np.diff(self.seconds))) if len(t) > 1 else 0.0
+        levels = s - self.error, s, s + np.minimum(self.error, _ROLLS)
+        self.rolling = [np.flatnonzero(~(x > END_SLIP)) for x in levels]  # samples in no slide
+
+    def measured(self, slide: Slide) -> Slide:
+        """A slide with its begin, duration, distance and errors, by the samples of the segment."""
+        start, stop = (x - self.segment.start for x in (slide.samples.start, slide.samples.stop))
+        k = start + int(np.argmax(self.s[start:stop]))
+        least, (first, last), most = (self._around(rolling, k) for rolling in self.rolling)
+        shortest, duration, longest = (
+            self.seconds[b] - self.seconds[a] for a, b in (least, (first, last), most)
+        )
+        change = max(longest - duration, duration - shortest)
+        by_interval = self.interval * float(np.mean(self.v[first : last + 1]))
+        run = slice(first, last + 1)
+        fast = start + np.flatnonzero(self.v[start:stop] > WORKING)
+        slip_u95 = None
+        if len(fast):
+            k = int(fast[np.argmax(self.s[fast])])
+            changes = np.abs(np.diff(self.s[max(k - 2, 0) : k + 3]))
+            slip_u95 = math.hypot(self.error[k], float(np.nanmax(changes, initial=0.0)) / 2.0)
+        return slide._replace(
+            start=int(self.t[first]),
+            duration=float(duration) + self.interval,
+            distance=float(np.trapezoid(self.v[run], self.seconds[run])) + by_interval,
+            duration_u95=math.hypot(change, self.interval),
+            max_slip_u95=slip_u95,
+        )
+
+    def _around(self, rolling: NDArray[np.int64], k: int) -> tuple[int, int]:
+        """First and last sample around k that is in no `rolling`."""
+        i = int(np.searchsorted(rolling, k))
+        first = int(rolling[i - 1]) + 1 if i else 0
+        last = int(rolling[i]) - 1 if i < len(rolling) else len(self.s) - 1
+        return first, max(last, first)
 
 
 def over_locks(F: Floats, brake: Floats | None) -> tuple[Floats, Floats]:

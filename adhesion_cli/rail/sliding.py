@@ -33,7 +33,11 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     columns = record.segments, record.t, record.train_speed, s, certain, axle.reference.force
     is_lower_bound = record.train_speed_made or has_uncertain_delay(record)
     depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
-    for x in events.slides(*columns, is_lower_bound, depth, axle.reference.brake):
+    error = None
+    if not is_lower_bound:
+        by_radius = CLEAR_SIGMAS * axle.radius_share * np.clip(1.0 - s, 0.0, 1.0)
+        error = np.hypot(s - certain, by_radius)
+    for x in events.slides(*columns, is_lower_bound, depth, axle.reference.brake, error):
         earlier_t = record.t[: x.samples.start]
         brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
         if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():

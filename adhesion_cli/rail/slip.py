@@ -81,7 +81,8 @@ def observe_slip(
         noise = slip_noise[s], mu_noise[s]
         march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], confidence[s], code[s])
     completed = replace(axle, slip=slip, slip_noise=speed_slip_noise, region=code)
-    completed = replace(completed, slope=slope, slope_confidence=confidence)
+    share = radius.tolerance / radius.value
+    completed = replace(completed, slope=slope, slope_confidence=confidence, radius_share=share)
     is_unknown = record.train_speed_late is None or record.train_speed_late.value == 0.0
     is_unknown = is_unknown and has_uncertain_delay(record)
     possible = [x.samples for x in find_slides(completed, slip, slip)] if is_unknown else []

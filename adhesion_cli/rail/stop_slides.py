@@ -1,7 +1,8 @@
 """The slides of one axle in one stop: initial adhesion, utilisation, energies.
 
 The initial adhesion is the mean µ of the first `_BEGIN` seconds of the first slide, as EN 15595
-means it (its text was not at hand). Its expanded uncertainty is that of the force there. Errors of
+means it (its text was not at hand). Its expanded uncertainty is that of the force there, and of the
+begin, which slip shows late or early where the rail changes. Errors of
 neighbouring samples are taken as the same, so the mean has their mean uncertainty. While the
 brake force is larger than the adhesion force, the wheel's deceleration shows only the difference
 of both, and an error of the brake force goes whole into the adhesion force: without a stated
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..core.model import Z95, AxleResult, Floats, Result, Vehicle
 from ..core.physics import G
-from ..core.summary import AxleStop, BrakeApplication, StopSummary
+from ..core.summary import AxleStop, BrakeApplication, StopSummary, largest_slip
 from ..reference.budget import coefficient_u95
 from .events import over_locks
 from .locks import LockLimits, locks_of_axle
@@ -69,9 +70,12 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     lock_energy = math.nan
     if longest:
         lock_energy = float(np.trapezoid(power[longest.samples], t[longest.samples]))
-    slips = [a.max_slip for a in applications if a.max_slip is not None]
+    slip, slip_u95 = largest_slip(applications)
+    if slip is None:
+        slip, slip_u95 = row.max_slip, row.max_slip_u95
     return row._replace(
-        max_slip=max(slips, default=row.max_slip),
+        max_slip=slip,
+        max_slip_u95=slip_u95,
         initial_coefficient=initial,
         initial_coefficient_u95=initial_u95,
         utilisation=utilisation,
@@ -94,8 +98,17 @@ def _initial_coefficient(
     begin, weight = reference.rows(rows), vehicle.axle_mass.value * G
     force = float(np.mean(begin.force))
     u95 = Z95 * math.hypot(float(np.mean(begin.sigma)), float(np.mean(begin.tolerance)))
+    late = max(_BEGIN, 2.0 * float(np.median(np.diff(t))))  # slip shows the begin so late, or early
+    shifted = [_between(t, reference.force, start + x, start + x + _BEGIN) for x in (-late, late)]
+    u95 = math.hypot(u95, *(abs(x - force) / 2.0 for x in shifted if math.isfinite(x)))
     together = 0.0 if begin.mass is None else float(np.mean(begin.mass))
     return force / weight, coefficient_u95(u95, force, vehicle, together) / weight
+
+
+def _between(t: Floats, x: Floats, start: float, stop: float) -> float:
+    """Mean of what is known between two times, by lines between samples."""
+    known = np.isfinite(x)
+    return float(np.mean(np.interp([start, stop], t[known], x[known]))) if known.any() else math.nan
 
 
 def _utilisation(

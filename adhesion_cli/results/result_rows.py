@@ -57,7 +57,7 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "slides": str(a.slides),
         "for [s]": text_tables.bounded_number(a.slide_s, 1, bound),
         "distance [m]": text_tables.bounded_number(a.slide_distance_m, 0, bound),
-        "max slip [%]": text_tables.slip_text(a.max_slip, bound),
+        "max slip [%]": text_tables.slip_text(a.max_slip, bound, a.max_slip_u95),
         **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
         "energy [kJ]": text_tables.energy_text(a.slide_energy_j, a.slide_energy_u95_j, bound),
         "used [%]": text_tables.share_with_interval(a.utilisation, a.utilisation_ci),

@@ -86,8 +86,10 @@ def slide_row(axle: int, slide: Slide, start_ns: int, route: Route = NOWHERE) ->
         "axle": str(axle),
         "start [s]": number((slide.start - start_ns) / 1e9, 2),
         **when_and_where(place.time, km),
-        "duration [s]": bounded_number(slide.duration, 2, bound),
+        "duration [s]": bounded_number(slide.duration, 2, bound)
+        if slide.duration_u95 is None
+        else text_tables.with_u95((slide.duration, slide.duration_u95), 1.0, 2),
         "distance [m]": bounded_number(slide.distance, 1, bound),
-        "max slip [%]": text_tables.slip_text(slide.max_slip, bound),
+        "max slip [%]": text_tables.slip_text(slide.max_slip, bound, slide.max_slip_u95),
         "energy [kJ]": bounded_number(slide.energy and slide.energy / 1e3, 1, bound),
     }

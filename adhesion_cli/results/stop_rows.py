@@ -95,6 +95,10 @@ _OF_DEAD_TIME = (
     " The time from the command to the first rise is in the uncertainty; `stops.dead_time` states "
     "a measured one."
 )
+_OF_RESPONSE = (
+    " Response where another brake acts, or other cars brake later: by the deceleration, where the "
+    "line of the speed at established deceleration meets the speed at the command."
+)
 _SPEED = {"train": "the train speed", "axles": "the axles, as no train speed is logged"}
 _BOTH_SPEEDS = "the train speed; where none is logged, the axles"
 
@@ -152,7 +156,9 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     nominal = ", ".join(f"{v:g}" for v in sorted({s.nominal_speed_kmh for s in stops}))
     ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
     dead_time = _OF_DEAD_TIME * any(s.command_from == "pressure" for s in stops)
-    return f"Command: {commands}.{dead_time} Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
+    by_speed = _OF_RESPONSE * any(s.response_from == "deceleration" for s in stops)
+    nominal_text = f"Nominal speed: {nominal} km/h."
+    return f"Command: {commands}.{dead_time} Speed: {speeds}. {nominal_text}{by_speed}{ed}"
 
 
 def describe_reasons(stops: Sequence[StopSummary]) -> str:
@@ -272,12 +278,10 @@ def _describe_slides(stop: StopSummary) -> str:
     events = []
     if stop.slides:
         text = f"{stop.slides} slide{'s' * (stop.slides > 1)}"
-        slips = {a.axle: a.max_slip for a in stop.axles if a.max_slip is not None}
-        if slips:
-            axle = max(slips, key=lambda axle: slips[axle])
-            slip = 100.0 * slips[axle]
-            bound = "at least " * (slip < 99.5 and any(a.at_least for a in stop.axles))
-            text += f", largest slip {bound}{slip:.0f} % (axle {axle})"
+        if slid := [a for a in stop.axles if a.max_slip is not None]:
+            a = max(slid, key=lambda a: a.max_slip or 0.0)
+            slip = text_tables.slip_text(a.max_slip, any(x.at_least for x in slid), a.max_slip_u95)
+            text += f", largest slip {slip} % (axle {a.axle})"
         locks = {a.axle: a.longest_lock_s for a in stop.axles if a.longest_lock_s}
         if locks:
             axle = max(locks, key=lambda axle: locks[axle])
@@ -377,9 +381,7 @@ def _wsp_rows(x: series.WspSummary) -> list[dict[str, str]]:
     return [
         {
             "axle": str(a.axle),
-            "max slip [%]": text_tables.bounded_number(
-                a.max_slip and 100.0 * a.max_slip, 1, a.at_least
-            ),
+            "max slip [%]": text_tables.slip_text(a.max_slip, a.at_least, a.max_slip_u95),
             "locked [s]": number(a.locked_s, 2),
             "longest": number(a.longest_lock_s, 2),
             "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),

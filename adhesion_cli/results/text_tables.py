@@ -208,10 +208,12 @@ def energy_text(energy: float | None, u95: float | None, bound: bool) -> str:
     return "≥ " * bound + with_u95((energy, u95), 1e-3, 1)
 
 
-def slip_text(slip: float | None, bound: bool) -> str:
+def slip_text(slip: float | None, bound: bool, u95: float | None = None) -> str:
     """A largest slip [%]; of a locked wheel it is 100 %, whatever the train speed's error."""
     if slip is not None and slip > _LOCKED:
         return "100"
+    if slip is not None and u95 is not None and not bound:
+        return with_u95((slip, u95), 100.0, 1)
     return bounded_number(slip and 100.0 * slip, 1, bound)
 
 

@@ -56,9 +56,13 @@ def train_stop_row(applications: Sequence[BrakeApplication]) -> dict[str, str]:
         "µ of axles": mean_range,
         "slid": f"{len({a.axle for a in slid})} of {len({a.axle for a in applications})}",
         "slid [s]": text_tables.bounded_number(worst.slide_s, 1, worst.at_least) if slid else DASH,
-        "max slip [%]": slip_text(worst.max_slip, worst.at_least) if slid else DASH,
+        "max slip [%]": _slip(worst) if slid else DASH,
         "axle": str(worst.axle) if slid else DASH,
     }
+
+
+def _slip(a: BrakeApplication) -> str:
+    return slip_text(a.max_slip, a.at_least, a.max_slip_u95)
 
 
 def _range(values: Sequence[float]) -> str:
@@ -112,7 +116,7 @@ def group_row(name: str, axles: Sequence[AxleSummary]) -> dict[str, str]:
         return row | {"max slip [%]": DASH, "axle": DASH, "at [s]": DASH}
     worst = max(slid, key=slide_severity)
     return row | {
-        "max slip [%]": slip_text(worst.max_slip, worst.at_least),
+        "max slip [%]": _slip(worst),
         "axle": str(worst.axle),
         "at [s]": number(worst.start_s, 1),
         **when_and_where(worst.time),

@@ -26,7 +26,7 @@ def axle_stops(
 ) -> Iterator[AxleStop]:
     """Slip, locks and valve actions of each axle."""
     for axle in sorted({*signals.rims, *signals.brakes}):
-        slip = locked = longest = bands = bands_u95 = None
+        slip = slip_u95 = locked = longest = bands = bands_u95 = None
         if axle in signals.rims:
             rim = signals.rims[axle].cut(command, braking.stop)
             v, least_v = signals.speed.interpolated(rim.t), signals.least_speed(rim.t)
@@ -34,13 +34,20 @@ def axle_stops(
             has_slip = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
             slips = 1.0 - rim.value[has_slip] / v[has_slip]
             if len(slips):
-                slip = float(np.max(median_of_five(slips)))
+                errors = _slip_errors(rim.t[has_slip], v[has_slip], slips, signals.delay_sigma)
+                smooth = median_of_five(slips)
+                k = int(np.argmax(smooth))
+                slip = float(smooth[k])
+                by_radius = 2.0 * signals.radius_shares.get(axle, 0.0)
+                slip_u95 = math.hypot(float(errors[k]), by_radius)
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
-                bands_u95 = _rolling_u95(rim.t[has_slip], v[has_slip], slips, signals.delay_sigma)
+                levels = (SLIP_BANDS[0] + x for x in (-errors, errors))
+                lowest, highest = (float(np.mean(slips <= level)) for level in levels)
+                bands_u95 = (highest - lowest) / 2.0
             locks = [x.duration for x in find_locks(rim.t, least_v, rim.value, settings.locks)]
             locked, longest = sum(locks, 0.0), max(locks, default=0.0)
-            slip = 1.0 if locks else slip and max(slip, 0.0)
+            slip, slip_u95 = (1.0, 0.0) if locks else (slip and max(slip, 0.0), slip_u95)
         actions, vented = 0, None
         source: Literal["valves", "pressure"] | None = None
         if axle in signals.valves:
@@ -50,6 +57,7 @@ def axle_stops(
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         in_doubt = signals.speed_from == "axles" or not signals.knows_delay
+        at_least = slip is not None and in_doubt
         yield AxleStop(
             axle,
             slip,
@@ -60,7 +68,8 @@ def axle_stops(
             valves_from=source,
             vented_s=vented,
             rolling_u95=bands_u95,
-            at_least=slip is not None and in_doubt,
+            at_least=at_least,
+            max_slip_u95=None if at_least else slip_u95,
         )
 
 
@@ -76,17 +85,16 @@ def all_axles_slide(signals: StopSignals, start: float) -> bool:
     return bool(slides) and all(slides)
 
 
-def _rolling_u95(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> float:
-    """Expanded uncertainty of the share of the time in the first band [-].
+def _slip_errors(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> Floats:
+    """Expanded uncertainty of each slip by noise and delay, larger the slower the train is, (n,).
 
-    Noise of the speeds moves a slip over the limit of the band, and a train speed with a delay
-    moves all of them. Both are larger the slower the train is. `delay_sigma` is in s.
+    Noise of the speeds moves a slip over the limit of a band, and a train speed with a delay moves
+    all of them. `delay_sigma` is in s.
     """
     noise = robust_sigma((slips - median_of_five(slips)) * v)
     slowing = abs(float(v[0] - v[-1])) / max(float(t[-1] - t[0]), 1e-9)
-    error = 2.0 * math.hypot(noise, delay_sigma * slowing) / v
-    lowest, highest = (float(np.mean(slips <= SLIP_BANDS[0] + x)) for x in (-error, error))
-    return (highest - lowest) / 2.0
+    errors: Floats = 2.0 * math.hypot(noise, delay_sigma * slowing) / v
+    return errors
 
 
 def on_time(state: TimeSeries) -> float:

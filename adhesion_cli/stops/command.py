@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from ..core.model import Floats, Parameter
-from ..core.signals import robust_sigma
+from ..core.signals import median_of_five, robust_sigma
 from ..core.summary import CommandSource
 from .find import Braking
 from .signals import StopSignals, TimeSeries, brake_levels, quantisation_step
 
 _RISE, _SLOW_RISE = 0.01, 0.05  # of the full pressure: it rises; the same of a slow channel
+_FALLEN = 1.7, 0.6  # from the begin of a rise to a clear one, over its doubling, and 1 sigma
 _SLOW = 0.4  # from this interval on, a channel is slow [s]
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
 _Finder = Callable[[TimeSeries, float], tuple[float, float] | None]  # time, its uncertainty [s]
@@ -85,7 +86,11 @@ def _change(series: TimeSeries, start: float) -> tuple[Floats, Floats, float]:
 
 
 def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
-    """When a brake leaves its released value, and the uncertainty of that [s]."""
+    """When a brake leaves its released value, and the uncertainty of that [s].
+
+    Its noise hides the begin, which is earlier than a clear rise by as long as that takes to double
+    if the brake rises in a line, and by 2.4 times that if it begins slowly, as a parabola.
+    """
     released, full_value, noise = brake_levels(brake, start, start + 10.0)
     window = brake.cut(start - _LEAD_TIME, start + 1.0)
     if not len(window.t) or full_value <= released:
@@ -94,13 +99,21 @@ def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
     # few slow samples show no noise, and in one interval a brake rises by much
     is_slow = len(window.t) > 1 and float(np.median(np.diff(window.t))) > _SLOW
     share = _SLOW_RISE if is_slow else _RISE
-    risen = window.value > released + max(share * (full_value - released), 5.0 * noise, 1.5 * step)
+    threshold = max(share * (full_value - released), 5.0 * noise, 1.5 * step)
+    risen = window.value > released + threshold
     unbraked_samples = np.flatnonzero(~risen & (window.t < start + 1.0))
     if not len(unbraked_samples) or unbraked_samples[-1] + 1 >= len(window.t):
         return None
-    k = int(unbraked_samples[-1])
-    interval = float(window.t[k + 1] - window.t[k])
-    return float(window.t[k]), interval / math.sqrt(3.0)
+    k = int(unbraked_samples[-1]) + 1
+    interval = float(window.t[k] - window.t[k - 1])
+    rise = median_of_five(window.value - released)
+    low = np.flatnonzero(rise[:k] < 0.5 * threshold)
+    if is_slow or not len(low) or not (rise[k:] >= 2.0 * threshold).any():
+        return float(window.t[k - 1]), interval / math.sqrt(3.0)
+    t, rise = window.t[low[-1] :], np.fmax.accumulate(rise[low[-1] :])
+    first, double = (float(np.interp(level, rise, t)) for level in (threshold, 2.0 * threshold))
+    fallen, sigma = (x * (double - first) for x in _FALLEN)
+    return first - fallen, math.hypot(sigma, interval / math.sqrt(3.0))
 
 
 def _deceleration_begin(speed: TimeSeries, start: float) -> float:

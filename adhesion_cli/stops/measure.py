@@ -74,21 +74,20 @@ def measure_stop(
         signals = signals._replace(speed=TimeSeries(t, v))
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
-    distance = float(np.trapezoid(v[is_braking], t[is_braking]))
-    response = find_response(signals, command, braking, settings.start_share)
-    nominal = settings.nominal_speed or float(
-        min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
-    )
+    response = find_response(signals, command, braking, settings.start_share, smooth)
+    usual = min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
+    nominal = settings.nominal_speed or float(usual)
     equivalent = math.nan if hidden else response.equivalent.value
-    duration = braking.stop + locked.value - command
-    response_times = response.delay.value, equivalent
-    values = _Values(v0, distance, duration, *response_times, to_level.gradient.value)
+    times = braking.stop + locked.value - command, response.delay.value, equivalent
+    distance = float(np.trapezoid(v[is_braking], t[is_braking]))
+    values = _Values(v0, distance, *times, to_level.gradient.value)
     unknown = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
     clock = 0.0 if source == "deceleration" else signals.pressure_sigma
     # a command that is logged may be on either clock, that of the pressure or of the speed
-    of_response = {} if source == "pressure" else {"delay": -clock, "response": -clock}
+    late = {} if source == "pressure" else {"delay": -clock, "response": -clock}
+    of_response = late | ({"response": clock} if response.by_speed else {})
     errors = {
-        **_speed_errors(values, smooth, settings.speed_scale or signals.scale, signals.delay_sigma),
+        **_speed_errors(values, smooth, signals, settings.speed_scale, response.by_speed),
         "sliding axles": {"distance": hidden},
         "command time": _early_command(v0, command_u),
         "dead time": _early_command(v0, unknown),
@@ -100,7 +99,7 @@ def measure_stop(
     quantities, budget = _quantities(values, errors, nominal, to_level)
     axles = tuple(axle_stops(signals, command, braking, settings))
     has_shape = not hidden and _has_shape(signals, axles, command, braking.stop)
-    jerk = largest_jerk(smooth, command, _by_wheels(signals)) if has_shape else None
+    jerk = largest_jerk(smooth, command, signals.by_wheels) if has_shape else None
     if braking.reason:
         quantities |= dict.fromkeys(quantities.keys() - _OF_ANY_BRAKING)
     return StopSummary(
@@ -114,6 +113,7 @@ def measure_stop(
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
         dead_time_s=_measured(find_dead_time(signals, braking)),
         build_up_s=None if math.isnan(equivalent) else _measured(_build_up(response)),
+        response_from=None if math.isnan(equivalent) else response.source,
         jerk=_measured(jerk),
         axles=axles,
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
@@ -124,8 +124,10 @@ def measure_stop(
     )
 
 
-def _build_up(response: BrakeResponse) -> Parameter:
+def _build_up(response: BrakeResponse) -> Parameter | None:
     """Twice from the delay to the equivalent step [s]: the whole build-up of a straight one."""
+    if response.by_speed:
+        return None
     equivalent = response.equivalent
     return Parameter(2.0 * (equivalent.value - response.delay.value), 2.0 * equivalent.tolerance)
 
@@ -136,16 +138,11 @@ def _reading_interval(signals: StopSignals) -> float:
     return max(float(np.median(np.diff(signals.speed.t))), own_interval)
 
 
-def _by_wheels(signals: StopSignals) -> bool:
-    """Whether the wheels give the shape of the speed."""
-    return signals.speed_from == "axles" or signals.is_coarse is not None
-
-
 def _has_shape(
     signals: StopSignals, axles: Sequence[AxleStop], command: float, stop: float
 ) -> bool:
     """Whether a sensor shows the shape of the train's speed, as wheels do of which one rolls."""
-    if _by_wheels(signals) and axles and all(a.valve_actions > 1 for a in axles):
+    if signals.by_wheels and axles and all(a.valve_actions > 1 for a in axles):
         return False  # no wheel rolls all along
     if signals.is_coarse is None:
         return signals.speed_from == "train" or not all_axles_slide(signals, command)
@@ -221,14 +218,23 @@ def _dead_time_sigma(response: BrakeResponse, settings: StopSettings) -> float:
 
 
 def _speed_errors(
-    x: _Values, smooth: SmoothSpeed, scale: float, delay_sigma: float
+    x: _Values,
+    smooth: SmoothSpeed,
+    signals: StopSignals,
+    stated_scale: float,
+    response_by_speed: bool,
 ) -> dict[str, dict[str, float]]:
     """What one standard uncertainty of scale, delay and noise of the speed adds to the values."""
+    scale, delay_sigma = stated_scale or signals.scale, signals.delay_sigma
     fitted = max(FIT / max(smooth.interval, 1e-3), 1.0)
     noise = smooth.noise * math.sqrt(smooth.interval * max(x.duration, 0.0))
     return {
         "speed scale": {"v0": x.v0 * scale, "distance": x.distance * scale},
-        "speed delay": {"distance": x.v0 * delay_sigma, "duration": delay_sigma},
+        "speed delay": {
+            "distance": x.v0 * delay_sigma,
+            "duration": delay_sigma,
+            "response": response_by_speed * delay_sigma,
+        },
         "speed noise": {"v0": 1.5 * smooth.noise / math.sqrt(fitted), "distance": noise},
     }
 

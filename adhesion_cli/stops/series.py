@@ -29,7 +29,7 @@ import numpy as np
 
 from ..core.model import Floats, Number, Quantity
 from ..core.physics import NORMAL_PRESSURE
-from ..core.summary import AxleStop, Measured, StopSummary
+from ..core.summary import AxleStop, Measured, StopSummary, largest_slip
 
 QUANTITIES = {  # of a stop, with the heading of its column and the unit
     "initial_speed_mps": ("v0", "m/s"),
@@ -425,6 +425,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:
     utilisation, utilisation_ci = _mean_utilisation(rows)
     bands = [a.slip_bands for a in rows if a.slip_bands]
     largest: dict[str, Any] = {name: max(values(name), default=None) for name in _LARGEST}
+    slip, slip_u95 = largest_slip(rows)
     return AxleStop(
         axle=axle,
         valve_actions=sum(a.valve_actions for a in rows),
@@ -436,11 +437,13 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:
         valves_from=rows[0].valves_from,
         rolling_u95=float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
         at_least=any(a.at_least for a in rows),
+        max_slip=slip,
+        max_slip_u95=slip_u95,
         **largest,
     )
 
 
-_LARGEST = ("max_slip", "locked_s", "longest_lock_s", "energy_j", "lock_energy_j", "vented_s")
+_LARGEST = ("locked_s", "longest_lock_s", "energy_j", "lock_energy_j", "vented_s")
 
 
 def _mean_utilisation(

@@ -67,7 +67,13 @@ class StopSignals(NamedTuple):
     others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
+    radius_shares: Mapping[int, float] = {}  # by axle, 1 sigma of the wheel's radius
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
+
+    @property
+    def by_wheels(self) -> bool:
+        """Whether the wheels give the shape of the speed."""
+        return self.speed_from == "axles" or self.is_coarse is not None
 
     def coarse_interval(self, t: float) -> float:
         """The interval of a slow speed where no wheel shows its shape [s]; else 0."""
@@ -86,10 +92,11 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     """The signals of a log with wheel speeds and brakes, every axle on one clock."""
     start_ns, base = log.start_ns(), max(records, key=len)
     measured = base.train_speed is not None and not base.train_speed_made
-    rims = {}
+    rims, radius_shares = {}, {}
     for r in records:
         radius = calibrate_radius(r, vehicle)[0] if measured else vehicle.radius(r.axle)
         rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns)
+        radius_shares[r.axle] = radius.tolerance / radius.value
     scale, sigma, is_coarse = UNKNOWN_SCALE, 0.0, None
     if measured and base.train_speed is not None:
         train = TimeSeries(*in_order(_seconds(base, start_ns), base.train_speed))
@@ -119,6 +126,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         others_later=pressure_delay.value < -EARLY,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
+        radius_shares=radius_shares,
         knows_delay=not (measured and has_uncertain_delay(base)),
         **_logged(log),
     )

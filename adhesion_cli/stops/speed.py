@@ -20,7 +20,7 @@ _PLACES = 20  # of a reading within a step
 _NOISE_SHARE, _NOISE_SIGMAS = 0.8, 1.2816  # of normal errors are smaller than so many sigmas
 _CORNER = 2.0  # lines between readings hide this share of a corner's jerk, times (interval/FIT)²
 _EARLY = 1e-6  # a reading on time may be so early [s]
-_CREEP = 0.0045, 0.003  # of a braked wheel at 1 m/s², and its 1 sigma: µ is 10 to 60 times the slip
+CREEP = 0.0045, 0.003  # of a braked wheel at 1 m/s², and its 1 sigma: µ is 10 to 60 times the slip
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
 _LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
@@ -167,7 +167,7 @@ def largest_jerk(speed: SmoothSpeed, command: float, by_wheels: bool = False) ->
     excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
     half_excess = 0.5 * max(excess, 0.0)
     lost = 0.5 * _CORNER * (interval / FIT) ** 2 * highest
-    creep, creep_sigma = (by_wheels * x * v[judged][np.argmax(jerk)] / FIT for x in _CREEP)
+    creep, creep_sigma = (by_wheels * x * v[judged][np.argmax(jerk)] / FIT for x in CREEP)
     train = max(highest - half_excess, 0.0) / (1.0 + creep)
     return Parameter(train, math.hypot(sigma, half_excess, lost, creep_sigma * train))
 

@@ -49,6 +49,8 @@ _WORN = 0.02  # 1 sigma of c [-]
 _CREEPAGE = 0.002, 0.004  # q and its 1 sigma: creep of 0.2 % at 1 m/s² [s²/m]
 _NO_CREEP = 3.0  # sigma of q: a fit farther off is one of slides
 _SLOWING = 0.2  # a train that does is braked [m/s²]
+_GAINING = 0.1  # a wheel that does may be driven [m/s²]
+_NEAR = 0.7  # from a delay to those that are tried beside it [s]
 _SLIDE_MARGIN = 1.0  # before and behind a slide creep is no straight line of force [s]
 _SHORTEST_ROLLING = 3.0  # shortest rolling of a braked wheel [s]
 _RETURN_SLIP = 0.008, 0.008  # κ and its 1 sigma [-]
@@ -88,6 +90,7 @@ class _ClockSamples(NamedTuple):
     fast: Bools  # where it is not slow for its axle (axles, n)
     by_radius: Floats  # factor of c, 0 where not known (axles, n)
     by_creep: Floats  # factor of q, likewise
+    gains: Bools  # where the wheel may be driven (axles, n)
     creepage: tuple[float, float] = _CREEPAGE  # q and its 1 sigma
 
     def select(self, axles: Bools) -> "_ClockSamples":
@@ -99,6 +102,12 @@ class _ClockSamples(NamedTuple):
         columns = {n: x for n, x in self._asdict().items() if isinstance(x, np.ndarray)}
         parts: dict[str, Any] = {n: x[..., samples] for n, x in columns.items()}
         return self._replace(**parts)
+
+    def undriven(self) -> "_ClockSamples":
+        """Those without the wheels that may be driven."""
+        usable = self.usable & ~self.gains
+        by = {name: getattr(self, name) * usable for name in ("by_radius", "by_creep")}
+        return self._replace(usable=usable, **by)
 
 
 class _Fits(NamedTuple):
@@ -163,6 +172,10 @@ def _compare(
 ) -> ClockOffset:
     """The offset that some samples show, by the train speed at each delay."""
     delay = _likeliest(s, _TAUS, read_train, *_DELAY_SIGMAS)
+    if delay:  # the creep of driven wheels is as a delay
+        near = delay.value.value + np.arange(-_NEAR, _NEAR + _SCAN / 2.0, _SCAN)
+        if undriven := _likeliest(s.undriven(), near, read_train, *_DELAY_SIGMAS):
+            delay = delay._replace(value=undriven.value)
     train_speed = read_train(0.0)
     offset = _likeliest(s, _OFFSETS, lambda o: train_speed - o, *_OFFSET_SIGMAS)
     clear_delay = delay.value if delay and delay.clear else None
@@ -225,6 +238,7 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
         fast=s.fast[axles, places][None],
         by_radius=np.zeros((1, len(starts))),
         by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
+        gains=np.zeros((1, len(starts)), dtype=np.bool_),
         creepage=_RETURN_SLIP,
     )
     mean_rate = -float(np.diff(train)[slowing[1:] & slowing[:-1]].mean()) / step
@@ -257,8 +271,9 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
     by_radius = np.where(usable, rim, 0.0)
     by_creep = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
     masks, released = (usable, fast), g.clamping[:, ::stride] <= 0.0
-    noises = noise, correlated
-    return _ClockSamples(t, rim, released, train_slows, *noises, *masks, by_radius, by_creep)
+    noises, gains = (noise, correlated), slowing < -_GAINING
+    creeps = by_radius, by_creep
+    return _ClockSamples(t, rim, released, train_slows, *noises, *masks, *creeps, gains)
 
 
 def _likeliest(
@@ -302,7 +317,7 @@ def _likeliest(
     braked_rim = s.rim[f.rolling & s.train_slows]
     speed_share = 1.0 - float(braked_rim.min() / braked_rim.max())
     sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma / max(speed_share, 1e-9))
-    rolling = s.released & np.isfinite(speed_by(value)) & (s.rim > CRAWL)
+    rolling = s.released & np.isfinite(speed_by(value)) & s.usable
     creep_by_value = float(np.polyfit(fine_values[near], fine_fits.x[near, -1], 1)[0])
     creep_sigma = math.hypot(s.creepage[1], creep_by_value * sigma)  # q has the error of the value
     slides = abs(f.x[-1] - s.creepage[0]) > _NO_CREEP * creep_sigma

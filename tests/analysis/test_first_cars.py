@@ -39,4 +39,10 @@ def test_other_cars_that_brake_later_make_the_force_unsure(later: float, tmp_pat
     assert bool(early) == bool(later)
     assert off < application.coefficient.mean_u95
     assert (application.coefficient.mean_u95 > 0.8 * application.coefficient.mean) == bool(later)
-    assert (stop.response_time_s is None) == bool(later)
+    assert stop.response_time_s is not None
+    assert stop.response_from == ("deceleration" if later else "brakes")
+    if later:  # by the lags of the saturations, weighted by force
+        lag = (0.2 * LOCOMOTIVE * 0.5 + 0.8 * WAGONS * (1.0 + later)) / (
+            0.2 * LOCOMOTIVE + 0.8 * WAGONS
+        )
+        assert stop.response_time_s.value == pytest.approx(lag, abs=0.1)

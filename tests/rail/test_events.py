@@ -61,3 +61,24 @@ def test_a_lock_that_a_better_rail_ends_has_the_force_before_it_and_less_than_th
     filled, error = over_locks(np.array([1.0, np.nan, np.nan, 9.0]), np.full(4, 5.0))
     assert filled.tolist() == [1.0, 1.0, 1.0, 9.0]
     assert error.tolist() == [0.0, 4.0, 4.0, 0.0]
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+@pytest.mark.parametrize("error", [-0.004, 0.0, 0.004])
+def test_duration_and_largest_slip_of_a_slide_hold_the_true_ones(rate: float, error: float) -> None:
+    """The slip is wrong by as much all along, as by the delay of a speed, and sampled anywhere."""
+    for shift in np.linspace(0.0, 1.0, 7) / rate:
+        x = np.arange(0.0, 12.0, 1.0 / rate) + shift
+        true = np.interp(x, [2.0, 2.4, 3.0, 5.0], [0.0, 0.25, 0.1, 0.0])
+        t, v = np.round(x * 1e9).astype(np.int64), np.full(len(x), 20.0)
+        errors = np.full(len(x), 0.005)
+        s = true + error
+        columns = t, v, s, s - errors, 0.0 * x
+        (found,) = slides([slice(0, len(x))], *columns, False, None, None, errors)
+        begin, end = 2.0 + 0.4 * 0.01 / 0.25, 5.0 - 2.0 * 0.01 / 0.1
+        assert found.duration_u95 is not None
+        assert found.max_slip is not None
+        assert found.max_slip_u95 is not None
+        assert abs(found.duration - (end - begin)) < found.duration_u95
+        assert abs(found.max_slip - 0.25) < found.max_slip_u95 < 0.1
+        assert found.duration_u95 < 1.5 / rate + 0.2

@@ -163,7 +163,7 @@ def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
     assert shown == [("≥ 20.0", "≥ 90"), ("20.0", "90")]
 
 
-@pytest.mark.parametrize(("slip", "text"), [(0.2, "at least 20 %"), (1.0, "100 %")])
+@pytest.mark.parametrize(("slip", "text"), [(0.2, "≥ 20.0 %"), (1.0, "100 %")])
 def test_the_number_of_slides_is_no_lower_bound(slip: float, text: str) -> None:
     axle = AxleStop(1, slip, None, None, 0, at_least=True)
     stops = (SeriesStop("a", "a", None, replace(STOP, slides=3, axles=(axle,))),)

@@ -182,6 +182,25 @@ def test_the_fall_of_a_noisy_brake_pipe_is_dated_back_to_its_begin(rate: float) 
     assert 2.0 * sigma < 0.1
 
 
+@pytest.mark.parametrize("power", [1.0, 2.0])
+@pytest.mark.parametrize("noise", [2e2, 3e3])
+def test_the_rise_of_a_noisy_pressure_is_dated_back_to_its_begin(
+    power: float, noise: float
+) -> None:
+    """In a line, or slowly as an S begins: 2 bar in a second, after the end of another braking."""
+    x, _ = signals(command=False)
+    t, errors = x.speed.t, []
+    for seed in range(20):
+        rise = 2e5 * np.clip(t - ON - 0.01 * seed, 0.0, 1.2) ** power
+        rise += 5e4 * (t < ON - 5.0)
+        p = rise + np.random.default_rng(seed).normal(0.0, noise, len(t))
+        series = x._replace(brakes={1: TimeSeries(t, p)})
+        time, sigma, _ = find_command(series, Braking(ON + 0.6, 40.0, ""))
+        errors.append((time - ON - 0.01 * seed) / (2.0 * sigma))
+    assert np.mean(np.abs(errors) < 1.0) >= 0.9
+    assert 2.0 * sigma < 0.2
+
+
 def test_of_the_brake_pipes_of_cars_the_first_to_fall_is_the_command() -> None:
     x, _ = signals(command=False)
     t = x.speed.t
@@ -378,16 +397,34 @@ def test_an_axle_that_takes_over_from_another_brake_leaves_no_response() -> None
     assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
 
 
-def test_another_brake_in_the_build_up_leaves_no_response() -> None:
+@pytest.mark.parametrize("spans", [(), ((ON + 0.5, ON + 30.0),)])
+def test_another_brake_in_the_build_up_has_the_response_of_the_deceleration(
+    spans: tuple[tuple[float, float], ...],
+) -> None:
+    """A track brake from 0.5 s on, beside pressures that rise as before, slows by 0.8 m/s²."""
     x, _ = signals()
-    other = Finding("other-brake", "warning", spans=((ON + 1.0, ON + 9.0),))
-    (stop,) = measured(x._replace(other_brakes=[other]))
-    assert stop.delay_s is not None
-    assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
-    earlier = replace(other, spans=((ON - 9.0, ON - 1.0),))
-    assert measured(x._replace(other_brakes=[earlier]))[0].response_time_s is not None
-    always = replace(other, spans=())
-    assert measured(x._replace(other_brakes=[always]))[0].response_time_s is None
+    t, v = x.speed
+    since = np.maximum(t - ON - 0.5, 0.0)
+    v = np.where(v > 0.0, np.maximum(v - 0.8 * since, 0.0), 0.0)
+    other = Finding("other-brake", "warning", spans=spans)
+    both = x._replace(speed=TimeSeries(t, v), rims={}, other_brakes=[other])
+    (stop,) = measured(both)
+    assert (stop.response_from, stop.build_up_s) == ("deceleration", None)
+    assert stop.response_time_s is not None
+    true = ((T_A + T_B) / 2.0 + 0.8 * 0.5) / 1.8
+    assert abs(stop.response_time_s.value - true) < stop.response_time_s.u95 < 0.1
+    assert stop.equivalent_deceleration is not None
+    assert stop.equivalent_deceleration.value == pytest.approx(1.8, rel=0.02)
+    coarse = TimeSeries(t[::50], v[::50])
+    assert measured(both._replace(speed=coarse))[0].response_time_s is None
+    slid = TimeSeries(t, np.where((t > ON + 2.0) & (t < ON + 4.0), 0.8, 1.0) * v)
+    assert measured(both._replace(rims={1: slid}))[0].response_time_s is None
+
+
+def test_another_brake_before_the_command_leaves_the_response_of_the_brakes() -> None:
+    x, _ = signals()
+    earlier = Finding("other-brake", "warning", spans=((ON - 9.0, ON - 1.0),))
+    assert measured(x._replace(other_brakes=[earlier]))[0].response_from == "brakes"
 
 
 def test_a_single_reading_of_the_pressure_shows_no_response() -> None:
@@ -407,11 +444,12 @@ def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
     assert later.response_time_s is not None
 
 
-def test_axles_that_brake_before_the_rest_of_the_train_leave_no_response() -> None:
+def test_axles_that_brake_before_the_rest_of_the_train_show_no_response() -> None:
     x, _ = signals()
     (stop,) = measured(x._replace(others_later=True))
-    assert (stop.delay_s, stop.response_time_s, stop.equivalent_deceleration) == (None, None, None)
-    assert stop.distance_m is not None
+    assert (stop.delay_s, stop.response_from) == (None, "deceleration")
+    assert stop.response_time_s is not None
+    assert stop.response_time_s.value == pytest.approx((T_A + T_B) / 2.0, abs=0.07)
     assert stop.pressure_bar == pytest.approx(3.0, abs=0.01)
     t, slow = x.speed.t, 3e5 * np.clip((x.speed.t - ON - 1.0) / 20.0, 0.0, 1.0)
     filled = {"brakes": {1: TimeSeries(t, slow)}, "commands": {}}

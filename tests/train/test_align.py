@@ -193,6 +193,20 @@ def findings_of(folder: Path, columns: dict[str, np.ndarray]) -> dict[str, dict[
     return {f.code: f.values for f in prepared.findings}
 
 
+def test_the_creep_of_driven_wheels_is_no_delay_of_the_train_speed(tmp_path: Path) -> None:
+    t, rng = np.arange(0.0, 80.0, 0.05), np.random.default_rng(3)
+    v = np.interp(t, [0, 3, 28, 40, 42, 66, 80], [0, 0, 25, 24.8, 24.0, 0, 0])
+    creep = -0.006 * np.gradient(v, t)
+    columns = {
+        "time [s]": t,
+        "bc pressure axle 1 [bar]": 3.0 * ((t > 40.0) & (t < 75.0)),
+        "speed axle 1 [km/h]": 3.6 * v * (1.0 - creep) + rng.normal(0.0, 0.02, len(t)) * (v > 0.0),
+        "train speed [km/h]": 3.6 * np.interp(t - 0.2, t, v),
+    }
+    values = findings_of(tmp_path, columns)["train-speed-delay"]
+    assert abs(values["delay_s"] - 0.2) < values["delay_u95_s"] < 0.05
+
+
 def test_a_change_of_the_line_in_a_slow_build_up_is_no_delay_of_the_pressure(
     tmp_path: Path,
 ) -> None:

@@ -93,7 +93,9 @@ def _draw_slides(
         "at": [f"{number(x.start_s, 1)} s" for x in of_slides],
         "position": [f"{number(x.position_km, 3)} km" for x in of_slides],
         "distance": [f"{number(x.distance_m, 0)} m" for x in of_slides],
-        "largest slip": [f"{slip_text(x.max_slip, x.at_least)} %" for x in of_slides],
+        "largest slip": [
+            f"{slip_text(x.max_slip, x.at_least, x.max_slip_u95)} %" for x in of_slides
+        ],
     }
     return drawn + _points(fig, plane, of_slides, tips, palette.VERMILLION, 7)
 
