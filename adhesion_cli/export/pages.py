@@ -5,7 +5,6 @@ The program compares the C with the Python `step` on vectors of a log.
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
@@ -44,9 +43,11 @@ def limits(vectors: Vectors, number: Number) -> list[float]:
 def program(interface: Interface, vectors: Vectors) -> str:
     """The text of the program."""
     kinds, largest = dict(interface.now.fields), limits(vectors, interface.number)
+    names = interface.answers()
+    types = [INT.c if kinds[name] == INT else "double" for name in names]
     answers = [
-        {"name": x, "c": INT.c if kinds[x] == INT else "double", "limit": limit}
-        for x, limit in zip(interface.answers(), largest, strict=True)
+        {"name": name, "c": c_type, "limit": limit}
+        for name, c_type, limit in zip(names, types, largest, strict=True)
     ]
     return render(
         "test.c.jinja",
@@ -54,11 +55,11 @@ def program(interface: Interface, vectors: Vectors) -> str:
         log=LOG,
         answers=answers,
         parameter=interface.params.fields[0][0],
-        rows=_rows(interface, vectors, answers),
+        rows=_rows(interface, vectors, types),
     )
 
 
-def _rows(interface: Interface, vectors: Vectors, answers: list[dict[str, Any]]) -> Iterator[str]:
+def _rows(interface: Interface, vectors: Vectors, types: list[str]) -> Iterator[str]:
     literal, exact = interface.number.literal, DOUBLE.literal
     inputs = [kind == INT for _, kind in interface.given.fields]
     for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):
@@ -68,8 +69,8 @@ def _rows(interface: Interface, vectors: Vectors, answers: list[dict[str, Any]])
             fields = zip(row, inputs, strict=True)
             sample = f"{{{', '.join(str(int(x)) if whole else literal(x) for x, whole in fields)}}}"
         results = [
-            str(int(x)) if answer["c"] == INT.c else exact(x)
-            for x, answer in zip(expected, answers, strict=True)
+            str(int(x)) if c_type == INT.c else exact(x)
+            for x, c_type in zip(expected, types, strict=True)
         ]
         yield ", ".join([literal(h), sample, *results])
 

@@ -29,7 +29,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,9 +99,9 @@ class _ClockSamples(NamedTuple):
 
     def cut(self, samples: slice) -> "_ClockSamples":
         """Those of a part of the log."""
-        columns = {n: x for n, x in self._asdict().items() if isinstance(x, np.ndarray)}
-        parts: dict[str, Any] = {n: x[..., samples] for n, x in columns.items()}
-        return self._replace(**parts)
+        columns = self._asdict()
+        columns |= {n: x[..., samples] for n, x in columns.items() if isinstance(x, np.ndarray)}
+        return self._replace(**columns)
 
     def undriven(self) -> "_ClockSamples":
         """Those without the wheels that may be driven."""
