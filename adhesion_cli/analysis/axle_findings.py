@@ -74,19 +74,19 @@ def _without_value(
     for run in signals.moving(record):
         turning[run] = True
     driven = signals.driven(record, vehicle.radius(record.axle).value)
-    too_short = turning & ~driven & ~np.isfinite(ref.force)
+    brief_turns = turning & ~driven & ~np.isfinite(ref.force)
     locked = np.zeros(len(record), dtype=np.bool_)
     for lock in locks_of_axle(record, vehicle.radius(record.axle).value, limits):
         # without a brake, the sensor stands
         locked[lock.samples] = bool((record.clamping_force[lock.samples] > physics.NO_FORCE).any())
-    lost: tuple[str, Severity] = "turns-too-briefly", "info"
-    if any(too_short[s].any() and turning[s].all() for s in record.segments):
-        lost = "no-reference", "warning"
+    brief_turn_finding: tuple[str, Severity] = "turns-too-briefly", "info"
+    if any(brief_turns[s].any() and turning[s].all() for s in record.segments):
+        brief_turn_finding = "no-reference", "warning"
     return {
         "standstill": ("info", ~turning & ~locked),
         "wheel-locked": ("info", locked),
         "traction": ("info", driven),
-        lost[0]: (lost[1], too_short),
+        brief_turn_finding[0]: (brief_turn_finding[1], brief_turns),
     }
 
 

@@ -143,8 +143,8 @@ def with_friction_error(
         (a, b, r * kept_share if "friction" in (a, b) else r) for a, b, r in used_axle.correlation
     )
     used_axle = replace(used_axle, friction=Parameter(phi.value, sigma), correlation=correlation)
-    moved = move_axles(vehicle, mean, used_axle)
-    return replace(identified, vehicle=moved, mean_axle=(mean, used_axle))
+    moved_vehicle = move_axles(vehicle, mean, used_axle)
+    return replace(identified, vehicle=moved_vehicle, mean_axle=(mean, used_axle))
 
 
 def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
@@ -169,20 +169,20 @@ def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehic
     return identified
 
 
-def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> IdentifiedVehicle:
+def _with_friction_change(identified: IdentifiedVehicle, mean: Vehicle) -> IdentifiedVehicle:
     """The vehicle with the change of friction over speed that its logs show, if it is a clear one.
 
     A straight line is not the friction of cast iron, so its slope is as uncertain as it is large. A
     stated table and a vehicle that is used as stated keep their values: what the log shows beyond
     them widens their band.
     """
-    changes = [friction_change(effect, stated) for effect in identified.speed_effects.values()]
+    changes = [friction_change(effect, mean) for effect in identified.speed_effects.values()]
     slope = max(changes, key=abs, default=0.0)
     if not slope or identified.other_brake or not identified.known:
         return identified
     vehicle, fade = identified.vehicle, identified.vehicle.friction_fade
     is_fitted = abs(fade.value) > _FADE_SIGMAS * fade.tolerance  # to the wheels that roll
-    keeps_value = is_fitted or stated.friction_table or identified.factor is not None
+    keeps_value = is_fitted or mean.friction_table or identified.factor is not None
     fade = Parameter(fade.value if keeps_value else slope, max(abs(fade.value), abs(slope)))
     own_errors = tuple(x for x in vehicle.correlation if "friction_fade" not in x)
     vehicle = replace(vehicle, friction_fade=fade, correlation=own_errors)
@@ -325,8 +325,8 @@ def car_brakes(vehicle: Vehicle) -> tuple[CarBrake, ...]:
         brake = _car_brake(car_axle.car, (car_axle.number,), car_axle.vehicle)
         for i, car in enumerate(cars):
             pairs = (car.force, brake.force), (car.deceleration, brake.deceleration)
-            alike = all(abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs)
-            if alike and car.name == car_axle.car:
+            has_equal_brakes = all(abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs)
+            if has_equal_brakes and car.name == car_axle.car:
                 cars[i] = car._replace(axles=(*car.axles, car_axle.number))
                 break
         else:
@@ -341,9 +341,9 @@ def _car_brake(name: str, axles: tuple[int, ...], vehicle: Vehicle) -> CarBrake:
     return CarBrake(name, axles, force_per_bar(vehicle), deceleration_per_bar(vehicle), state)
 
 
-def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
+def _rotating_share(vehicle: Vehicle, stated_names: frozenset[str]) -> Parameter:
     """Rotating mass over mass: of a stated inertia, else of any wheelset."""
-    if "wheelset_inertia" not in stated:
+    if "wheelset_inertia" not in stated_names:
         return ROTATING
     w, R = wheelset(vehicle, 1), vehicle.radius(1)
     share = w.inertia / (w.mass * w.radius**2)
@@ -381,17 +381,17 @@ def _clamping_force(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> flo
 
 
 def _any_vehicle(
-    vehicle: Vehicle, stated: frozenset[str], line: BrakeLine, setting: _Setting
+    vehicle: Vehicle, stated_names: frozenset[str], line: BrakeLine, setting: _Setting
 ) -> Vehicle:
     """The vehicle of a line, with a brake of which nothing is known; stated parts are kept."""
     changed: dict[str, Any] = {}
     correlation = []
-    if "axle_mass" not in stated:
+    if "axle_mass" not in stated_names:
         changed["axle_mass"] = line.mass or MASS
-    if "friction_fade" not in stated and not vehicle.friction_table:
+    if "friction_fade" not in stated_names and not vehicle.friction_table:
         changed["friction_fade"] = _FADE
     mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value
-    if "wheelset_inertia" not in stated:
+    if "wheelset_inertia" not in stated_names:
         shares = ROTATING.share, mass.share
         sigma = math.hypot(*shares)
         I = ROTATING.value * mass.value * R * R  # noqa: E741

@@ -266,12 +266,12 @@ def _forget(tree: Table, layer: Tables) -> None:
         _forget_correlations(table, {**stated_vehicle, **stated_cars.get(name, {})})
 
 
-def _forget_correlations(vehicle: Table, stated: Tables) -> None:
-    correlations = vehicle.pop("correlation", {}) if stated else {}
+def _forget_correlations(vehicle: Table, stated_tables: Tables) -> None:
+    correlations = vehicle.pop("correlation", {}) if stated_tables else {}
     remaining: Table = {}
     for a, related in correlations.items():
-        others_left = {b: x for b, x in related.items() if b not in stated}
-        if others_left and a not in stated:
+        others_left = {b: x for b, x in related.items() if b not in stated_tables}
+        if others_left and a not in stated_tables:
             remaining[a] = others_left
     vehicle |= {"correlation": remaining} if remaining else {}
 
@@ -309,8 +309,8 @@ def _log_sections(settings: Settings, axles: Sequence[int], window: Window) -> T
     """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
     channels: Table = {}
-    for key, stated in settings.tables.get("channels", {}).items():
-        _merge(channels, {MEANINGS.get(key, key): stated})
+    for key, channel_table in settings.tables.get("channels", {}).items():
+        _merge(channels, {MEANINGS.get(key, key): channel_table})
     from_s, to_s = window
     selection: Table = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
@@ -319,8 +319,8 @@ def _log_sections(settings: Settings, axles: Sequence[int], window: Window) -> T
         "can": {"dbc": list(read.dbc)},
         "selection": {**selection, "strict": read.strict},
     }
-    left_out: tuple[Any, ...] = None, {}, []
-    return {s: {k: v for k, v in x.items() if v not in left_out} for s, x in sections.items()}
+    unset_values: tuple[Any, ...] = None, {}, []
+    return {s: {k: v for k, v in x.items() if v not in unset_values} for s, x in sections.items()}
 
 
 def nested(flat: Tree[str, str]) -> Table:
@@ -390,17 +390,17 @@ def _normalise_names(layer: Tables) -> Table:
             for name, table in table_of("car", layer["car"]).items()
         }
     bare_keys = {k: v for k, v in layer.items() if k in keys}
-    stated = [*bare_keys.items(), *table_of("vehicle", layer.get("vehicle", {})).items()]
-    vehicle = _normalise_parameters("vehicle", stated)
+    vehicle_values = [*bare_keys.items(), *table_of("vehicle", layer.get("vehicle", {})).items()]
+    vehicle = _normalise_parameters("vehicle", vehicle_values)
     return {**normalised, "vehicle": vehicle} if vehicle else normalised
 
 
-def _normalise_parameters(section: str, stated: Iterable[tuple[str, Any]]) -> Table:
+def _normalise_parameters(section: str, stated_values: Iterable[tuple[str, Any]]) -> Table:
     """The table of a vehicle or of a car with every parameter under its own name."""
     keys = vehicle_keys() | {key: key for key in stated_brake.KEYS}
     keys |= {"axles": "axles"} if section != "vehicle" else {}
     normalised: Table = {}
-    for key, value in stated:
+    for key, value in stated_values:
         if key not in keys:
             raise unknown("vehicle parameter", key, list(keys))
         if keys[key] in normalised:
@@ -475,8 +475,8 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
 
 
 def _numbers(tunable: methods.Tunable, table: Any) -> dict[str, float]:
-    stated, name = table_of(tunable.name, table), tunable.name
-    numbers = {k: plain_number(f"{name}.{k}", v) for k, v in stated.items()}
+    entries, name = table_of(tunable.name, table), tunable.name
+    numbers = {k: plain_number(f"{name}.{k}", v) for k, v in entries.items()}
     methods.validate(tunable, numbers)
     return numbers
 
@@ -546,10 +546,10 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
 def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name, quantity = f"vehicle.{key}", quantities(Vehicle)[key]
-    stated = parameter(name, entry, default.share, default.value)
-    quantity.check(name, stated.value)
-    replace(quantity, minimum=0.0, text="1 sigma").check(f"{name}.tolerance", stated.tolerance)
-    return stated
+    number = parameter(name, entry, default.share, default.value)
+    quantity.check(name, number.value)
+    replace(quantity, minimum=0.0, text="1 sigma").check(f"{name}.tolerance", number.tolerance)
+    return number
 
 
 def _channels(section: Table) -> tuple[list[Mapping], Table]:
@@ -575,8 +575,8 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
                 if axle and table["channel"]:
                     previous_place = places.setdefault((MEANINGS[key], axle), place)
                 if previous_place != place:
-                    both = f"{previous_place!r} and {place!r}"
-                    text = f"channels.{key} states axle {axle} twice: {both}"
+                    place_names = f"{previous_place!r} and {place!r}"
+                    text = f"channels.{key} states axle {axle} twice: {place_names}"
                     raise UserError(text, "leave one of them out, or state its axles", code=2)
                 mappings.append(Mapping(MEANINGS[key], axle, **table))
     for name in ("time_channel", "group_channel"):
@@ -614,22 +614,22 @@ def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...
     axles: tuple[int | None, ...] = PLACES[place[0]](place[1]) if place else (None,)
     if "axles" not in table:
         return axles, table
-    stated = table["axles"]
-    if not isinstance(stated, list) or not stated or not all(map(is_axle, stated)):
+    axles_entry = table["axles"]
+    if not isinstance(axles_entry, list) or not axles_entry or not all(map(is_axle, axles_entry)):
         line = f'{section}."{name or "bogie 1"}".axles = [1, 2]'
         hint = f"list the axles that it serves, from 1, as {toml.option(line)}"
         text = f"{section}.{name!r}" if name else section
-        raise UserError(f"{text}: axles = {stated} are no axles", hint, code=2)
-    return tuple(dict.fromkeys(stated)), {k: v for k, v in table.items() if k != "axles"}
+        raise UserError(f"{text}: axles = {axles_entry} are no axles", hint, code=2)
+    return tuple(dict.fromkeys(axles_entry)), {k: v for k, v in table.items() if k != "axles"}
 
 
 def _channel(key: str, table: Table) -> Table:
     """What an entry states of its channel, each value of its type."""
     section = f"channels.{key}"
     sensor: Table = {}
-    for name, least in _SENSOR_TOLERANCES.items():
+    for name, floor in _SENSOR_TOLERANCES.items():
         if name in table:
-            sensor[name] = parameter(f"{section}.{name}", table[name], usual=0.0, least=least)
+            sensor[name] = parameter(f"{section}.{name}", table[name], usual=0.0, least=floor)
     table = _fields(section, {k: v for k, v in table.items() if k not in sensor}, CHANNEL_KEYS)
     if "zero" in sensor and "speed" in key:
         raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
@@ -667,8 +667,8 @@ def _motor_forces(key: str, value: Any) -> list[Mapping]:
                 raise UserError(message, hint, code=2)
         axle = number if kind == "axle" else None
         place = owner or "vehicle" if axle is None and (owner or axles) else ""
-        stated: Table = {"channel": "", **table, "place": place, "axles": tuple(axles)}
-        mappings.append(Mapping(MEANINGS[key], axle, **stated))
+        motor_entry: Table = {"channel": "", **table, "place": place, "axles": tuple(axles)}
+        mappings.append(Mapping(MEANINGS[key], axle, **motor_entry))
     return mappings
 
 

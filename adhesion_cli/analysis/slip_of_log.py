@@ -68,8 +68,8 @@ def _summarise_axle(slip: SlipOfLog, log: str, s: Summary) -> SlipSummary:
     start_ns = slip.result.log.start_ns()
     rails = {x.start: place.rail for place in s.places for x in place.slides}
     rail, delay = s.rail, s.delay
-    shown = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None, None, None)
-    peak, mu, utilisation = shown
+    rail_values = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None, None, None)
+    peak, mu, utilisation = rail_values
     constants = rail.constants.items() if rail else ()
     return SlipSummary(
         log=log,

@@ -133,8 +133,8 @@ def clamping_faces(vehicle: Table) -> float:
     """The pads or blocks of one axle that share its clamping force; 0 where nobody stated them."""
     if disc := vehicle.get("disc_brake"):
         usual = {k: x for k, x in _COUNTS["disc_brake"].items() if k != "cylinders"}
-        stated = {f"vehicle.disc_brake.{key}": disc.get(key, x) for key, x in usual.items()}
-        return math.prod(parameter(name, entry).value for name, entry in stated.items())
+        count_entries = {f"vehicle.disc_brake.{key}": disc.get(key, x) for key, x in usual.items()}
+        return math.prod(parameter(name, entry).value for name, entry in count_entries.items())
     blocks = vehicle.get("tread_brake", {}).get("blocks", 0.0)
     return parameter("vehicle.tread_brake.blocks", blocks).value
 
@@ -142,12 +142,12 @@ def clamping_faces(vehicle: Table) -> float:
 def _brake(kind: str, table: Any, vehicle: Table) -> Table:
     """The parameters of (15) by one of the two tables."""
     ranges, section = quantities(KINDS[kind]), f"vehicle.{kind}"
-    stated = {}
+    values = {}
     for key, entry in table_of(section, table, ranges).items():
-        stated[key] = parameter(f"{section}.{key}", entry)
-        ranges[key].check(f"{section}.{key}", stated[key].value)
-    pistons = [key for key in _PISTONS if key in stated]
-    missing = [key for key in _NEEDED[kind] if key not in stated] + [_PISTONS[0]] * (not pistons)
+        values[key] = parameter(f"{section}.{key}", entry)
+        ranges[key].check(f"{section}.{key}", values[key].value)
+    pistons = [key for key in _PISTONS if key in values]
+    missing = [key for key in _NEEDED[kind] if key not in values] + [_PISTONS[0]] * (not pistons)
     if missing:
         text = f"[{section}] lacks {' and '.join(missing)}"
         hint = f"{ranges[missing[0]].text}. `adhesion vehicle` prints an example"
@@ -155,17 +155,17 @@ def _brake(kind: str, table: Any, vehicle: Table) -> Table:
     if len(pistons) > 1:
         text = f"[{section}] states piston_diameter and piston_area"
         raise UserError(text, "keep one of them", code=2)
-    counts = [stated.get(k) or Parameter(usual or 0.0, 0.0) for k, usual in _COUNTS[kind].items()]
-    piston = stated[pistons[0]]
+    counts = [values.get(k) or Parameter(usual or 0.0, 0.0) for k, usual in _COUNTS[kind].items()]
+    piston = values[pistons[0]]
     if pistons[0] == "piston_area":
         piston = _power_product((piston, 0.5), (Parameter(4.0 / math.pi, 0.0), 0.5))
     radius_ratio = Parameter(1.0, 0.0)
     if kind == "disc_brake":
         R = _wheel_radius(vehicle, f"{section}.mean_radius")
-        radius_ratio = _power_product((stated["mean_radius"], 1.0), (R, -1.0))
+        radius_ratio = _power_product((values["mean_radius"], 1.0), (R, -1.0))
     return {
         "discs": _power_product(*((count, 1.0) for count in counts))._asdict(),
-        "lever_ratio": stated[_RATIOS[kind]]._asdict(),
+        "lever_ratio": values[_RATIOS[kind]]._asdict(),
         "radius_ratio": radius_ratio._asdict(),
         "cylinder_diameter": piston._asdict(),
     } | {key: table[key] for key in _OF_CYLINDER if key in table}

@@ -31,8 +31,8 @@ def stated_track(table: Table) -> Track:
     if isinstance(entry, dict) and "profile" in entry:
         return _profile_track(entry)
     if isinstance(entry, dict) and "logs" in entry:
-        stated = table_of("track.gradient", entry, ["logs"])
-        by_log = table_of("track.gradient.logs", stated["logs"])
+        gradient_table = table_of("track.gradient", entry, ["logs"])
+        by_log = table_of("track.gradient.logs", gradient_table["logs"])
         names = [(pattern, f"track.gradient.logs.{pattern}") for pattern in by_log]
         return Track(gradients_of_logs=tuple((x, _gradient(y, by_log[x])) for x, y in names))
     return Track(_gradient("track.gradient", entry), stated=True)
@@ -48,11 +48,11 @@ def track_of_log(track: Track, name: str) -> Track:
 
 def _gradient(name: str, entry: Any) -> Parameter:
     """A stated number with its error [-]."""
-    stated = parameter(name, entry)
-    GRADIENT.check(name, stated.value)
+    slope = parameter(name, entry)
+    GRADIENT.check(name, slope.value)
     if isinstance(entry, dict) and "tolerance" in entry:
-        return Parameter(_PER_MILLE * stated.value, _PER_MILLE * stated.tolerance)
-    return Parameter(_PER_MILLE * stated.value, Track().gradient.tolerance)
+        return Parameter(_PER_MILLE * slope.value, _PER_MILLE * slope.tolerance)
+    return Parameter(_PER_MILLE * slope.value, Track().gradient.tolerance)
 
 
 def as_stated(track: Track) -> Table:

@@ -51,11 +51,11 @@ def parameter(
     Raises:
         UserError: for anything else, and a negative tolerance.
     """
-    stated = {"value": entry} if not isinstance(entry, dict) else entry
-    table_of(name, stated, Parameter._fields)
-    value = plain_number(name, stated.get("value", usual))
+    table = {"value": entry} if not isinstance(entry, dict) else entry
+    table_of(name, table, Parameter._fields)
+    value = plain_number(name, table.get("value", usual))
     usual_tolerance = max(share * abs(value), least)
-    tolerance = plain_number(f"{name}.tolerance", stated.get("tolerance", usual_tolerance))
+    tolerance = plain_number(f"{name}.tolerance", table.get("tolerance", usual_tolerance))
     if tolerance < 0.0:
         text = f"{name}: tolerance = {tolerance:g} is out of range"
         raise UserError(text, "1 sigma, in the unit of the value: from 0", code=2)

@@ -47,8 +47,8 @@ def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSumm
     if signals is None:
         return ()
     start, stop = window
-    end = math.inf if stop is None else stop
-    speed = signals.speed.cut(-math.inf if start is None else start, end)
+    end_s = math.inf if stop is None else stop
+    speed = signals.speed.cut(-math.inf if start is None else start, end_s)
     if not len(speed.t):
         return ()
     signals = signals._replace(speed=speed)

@@ -114,16 +114,16 @@ def diagnose_with(
     return vehicle_findings, prepared._replace(findings=findings)
 
 
-def _friction_over_speed(stated: Vehicle, effect: SpeedEffect) -> Finding:
+def _friction_over_speed(stated_vehicle: Vehicle, effect: SpeedEffect) -> Finding:
     """That the brake slows harder at low than at high speed, at the same pressure.
 
     Cast iron does, and so do some pads and blocks. What a stated friction table says is not in it.
     """
     speeds = {"low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}
-    states_change = stated.friction_table or stated.friction_fade.value
-    more = " after the stated friction is taken into account" if states_change else ""
+    states_change = stated_vehicle.friction_table or stated_vehicle.friction_fade.value
+    condition = " after the stated friction is taken into account" if states_change else ""
     values = {"factor": effect.ratio, **speeds}
-    return Finding("friction-over-speed", "warning", values=values, names={"more": more})
+    return Finding("friction-over-speed", "warning", values=values, names={"more": condition})
 
 
 def _find_missing_evidence(settings: Settings, log: AlignedLog) -> list[Finding]:
@@ -154,8 +154,8 @@ def default_parameters(settings: Settings, by_pressure: bool) -> list[Finding]:
         if name.startswith("friction_") or not (by_pressure or name in wheel):
             continue
         considered += 1
-        both = (np.atleast_2d(getattr(v, name)) for v in (vehicle, papers))
-        own_values, paper_values = (x[:, 0].tolist() for x in both)
+        value_arrays = (np.atleast_2d(getattr(v, name)) for v in (vehicle, papers))
+        own_values, paper_values = (x[:, 0].tolist() for x in value_arrays)
         if name not in settings.stated and own_values == paper_values:
             defaults[name] = f"{name} {paper_values[0]:g} {q.unit}".removesuffix(" -")
     if not defaults or settings.carries_vehicle:

@@ -94,8 +94,8 @@ def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) 
     """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so."""
     named = {m.field.name for m in chosen if m.meaning == "brake_pipe"}
     pipes = (c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named)
-    needs = {_NEEDED.get(c.meaning) for c in log.channels}
-    if (pipe := next(pipes, None)) and "brake" not in needs:
+    needed_inputs = {_NEEDED.get(c.meaning) for c in log.channels}
+    if (pipe := next(pipes, None)) and "brake" not in needed_inputs:
         hint = "log the pressure of a brake cylinder, too"
         if proposal:
             hint = f"if the log has the brake cylinder's, state it, as {proposal}"
@@ -187,8 +187,8 @@ def needed(
             findings.append(Finding("valve-unclear", "info", channel=m.title, names=names))
     without_unit = ("latitude", "longitude", *model.STATES)
     short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
-    asked = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
-    chosen += [m for m in asked if m.meaning not in model.PLACES or m.unit not in short_units]
+    extras = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
+    chosen += [m for m in extras if m.meaning not in model.PLACES or m.unit not in short_units]
     return chosen, findings
 
 
@@ -212,8 +212,8 @@ def without_empty(log: Log) -> Log:
             if cause := next((f for f in causes if f.code == "csv-no-numbers"), None):
                 text, hint = f"{text}: {cause.message}".removesuffix("."), cause.hint or hint
             raise UserError(text, hint)
-        alike = (f.axle for f in with_samples if _NEEDED.get(f.meaning) == kind)
-        severity: Severity = "info" if kind is None or c.axle in alike else "warning"
+        axles_of_kind = (f.axle for f in with_samples if _NEEDED.get(f.meaning) == kind)
+        severity: Severity = "info" if kind is None or c.axle in axles_of_kind else "warning"
         findings.append(Finding("empty-channel", severity, channel=c.title))
     return replace(log, channels=tuple(with_samples), findings=(*log.findings, *findings))
 

@@ -163,16 +163,16 @@ def _apply_statements(
             hint = f"name it, as {toml.option(line)}"
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
-            stated, is_guess = meant[i], i in guesses
-            zero = (m.zero or stated.zero) if m.axle else (stated.zero or m.zero)
-            mapping = m if is_guess else stated.mapping
-            stated = replace(stated, zero=zero, delay=stated.delay or m.delay, mapping=mapping)
+            target, is_guess = meant[i], i in guesses
+            zero = (m.zero or target.zero) if m.axle else (target.zero or m.zero)
+            mapping = m if is_guess else target.mapping
+            target = replace(target, zero=zero, delay=target.delay or m.delay, mapping=mapping)
             if is_guess and m.unit:
-                reason = stated.reason.removesuffix("; no unit stated")
+                reason = target.reason.removesuffix("; no unit stated")
                 reason += f"; unit {m.unit}: in [channels]"
-                stated = replace(stated, unit=m.unit, unit_too="", reason=reason)
-                stated = replace(stated, teeth=m.teeth, wrap=m.wrap)
-            meant[i] = stated
+                target = replace(target, unit=m.unit, unit_too="", reason=reason)
+                target = replace(target, teeth=m.teeth, wrap=m.wrap)
+            meant[i] = target
 
 
 def _as_stated(field: Field, m: Mapping) -> Meant:
@@ -209,9 +209,9 @@ def _prefer_the_measured(meant: list[Meant], guesses: list[int]) -> None:
     for meaning, kind in product(meanings, ("extreme", "derived")):
         fields = {i: meant[i].field for i in guesses if meant[i].meaning == meaning}
         names = {i: (units.in_name(x)[0] for x in (f.channel, f.path)) for i, f in fields.items()}
-        words = {i: name_words(" ".join(x)) for i, x in names.items()}
-        derived = {i: x for i, w in words.items() if (x := word_of_kind(kind, w))}
-        for i, word in derived.items() if 3 * len(derived) <= 2 * len(words) else ():
+        field_words = {i: name_words(" ".join(x)) for i, x in names.items()}
+        derived = {i: x for i, w in field_words.items() if (x := word_of_kind(kind, w))}
+        for i, word in derived.items() if 3 * len(derived) <= 2 * len(field_words) else ():
             meant[i] = meant[i].without(f"{word!r} in the name, and others are measured")
 
 
@@ -225,8 +225,8 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
         """The guesses of this meaning whose names have the first kind of word, and the others."""
         fields = {i: meant[i].field for i in guesses if meant[i].meaning == meaning}
         texts = {i: f"{f.channel} {f.path} {f.label} {f.group}" for i, f in fields.items()}
-        words = {i: name_words(text) for i, text in texts.items()}
-        of_kinds = ([i for i in fields if word_of_kind(k, words[i])] for k in kinds)
+        field_words = {i: name_words(text) for i, text in texts.items()}
+        of_kinds = ([i for i in fields if word_of_kind(k, field_words[i])] for k in kinds)
         named = next(filter(None, of_kinds), [])
         numbered = [i for i in fields if meant[i].axle is not None]
         if not named and len(numbered) > 1:
@@ -297,12 +297,12 @@ def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:
         axles = {meant[i].axle for i in places}
         unnamed = [i for i, p in places.items() if meant[i].axle is None and not p.bogie]
         numbers = {p.spare for p in places.values()}
-        has_parts = any(p.part for p in places.values())
-        is_likely = numbers == speed_axles or not (meaning == "pressure" or has_parts)
-        tells_apart = len(unnamed) == len(places) == len(numbers) > 1 and None not in numbers
+        has_cars = any(p.part for p in places.values())
+        is_likely = numbers == speed_axles or not (meaning == "pressure" or has_cars)
+        has_own_numbers = len(unnamed) == len(places) == len(numbers) > 1 and None not in numbers
         for i, p in places.items():
             is_one_of_two = p.bogie and meant[i].axle is None and 2 * p.bogie in axles
-            if p.spare is not None and ((tells_apart and is_likely) or is_one_of_two):
+            if p.spare is not None and ((has_own_numbers and is_likely) or is_one_of_two):
                 meant[i] = replace(meant[i], axle=p.spare)
         speed_axles = {meant[i].axle for i in places}
 
@@ -372,9 +372,9 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             names = {"axles": enumerated(axles), "option": toml.option(*lines)}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     if counted_on:
-        first, axles = counted_on[0]
-        names = {"example": f"{first.title}: {', '.join(map(str, axles))}"}
-        names["option"] = _as_option(first)
+        shared_channel, axles = counted_on[0]
+        names = {"example": f"{shared_channel.title}: {', '.join(map(str, axles))}"}
+        names["option"] = _as_option(shared_channel)
         findings.append(Finding("axles-counted-on", "info", count=len(counted_on), names=names))
     return findings
 
@@ -455,9 +455,9 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 def _are_sides(names: Sequence[str]) -> bool:
     """Whether channels are sensors of one axle, as "v1 left" and "v1 right"."""
     lettered = (_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name) for name in names)
-    words = [*map(name_words, lettered)]
-    differing = [x for column in zip(*words, strict=False) if len(x := {*column}) > 1]
-    has_one_difference = len({*map(len, words)}) == len(differing) == 1
+    word_lists = [*map(name_words, lettered)]
+    differing = [x for column in zip(*word_lists, strict=False) if len(x := {*column}) > 1]
+    has_one_difference = len({*map(len, word_lists)}) == len(differing) == 1
     return has_one_difference and all(word_of_kind("side", [word]) for word in differing[0])
 
 

@@ -47,9 +47,9 @@ class Rule(NamedTuple):
 
 
 _NAMED = "an analysis does not use it"
-_SHOWN = "stops use it"
+_FOR_STOPS = "stops use it"
 _PLACED = "stops and slides have their place by it"
-_ON = "above zero it acts"
+_ABOVE_ZERO = "above zero it acts"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
 NO_NAME = "no name we know"
 UNCLEAR_VALVE = "a valve, but the name does not say whether it vents or holds"
@@ -85,8 +85,8 @@ RULES = (
     ),
     Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
     Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
-    Rule("pressure", "reservoir", "reservoir_pressure", _SHOWN),
-    Rule("pressure", "brake pipe, !cylinder", "brake_pipe", _SHOWN),
+    Rule("pressure", "reservoir", "reservoir_pressure", _FOR_STOPS),
+    Rule("pressure", "brake pipe, !cylinder", "brake_pipe", _FOR_STOPS),
     Rule("pressure", "suspension", "load_pressure", _NAMED),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
     Rule("pressure", "?own pressure, ?cylinder", "pressure"),
@@ -101,15 +101,15 @@ RULES = (
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
     Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
-    Rule("switch", "own vent valve", "vent_valve", _SHOWN),
-    Rule("switch", "own hold valve", "hold_valve", _SHOWN),
-    Rule("any", "own magnetic braking", "magnetic_brake", _ON),
-    Rule("switch", "track brake, !own no switch", "magnetic_brake", _ON),
-    Rule("any", "own retarder", "retarder", _ON),
-    Rule("switch", "own sand", "sanding", _SHOWN),
-    Rule("switch", "own emergency", "emergency", _SHOWN),
-    Rule("switch", "own WSP", "wsp_active", _SHOWN),
-    Rule("state|ratio", "own braking demand", "brake_command", _SHOWN),
+    Rule("switch", "own vent valve", "vent_valve", _FOR_STOPS),
+    Rule("switch", "own hold valve", "hold_valve", _FOR_STOPS),
+    Rule("any", "own magnetic braking", "magnetic_brake", _ABOVE_ZERO),
+    Rule("switch", "track brake, !own no switch", "magnetic_brake", _ABOVE_ZERO),
+    Rule("any", "own retarder", "retarder", _ABOVE_ZERO),
+    Rule("switch", "own sand", "sanding", _FOR_STOPS),
+    Rule("switch", "own emergency", "emergency", _FOR_STOPS),
+    Rule("switch", "own WSP", "wsp_active", _FOR_STOPS),
+    Rule("state|ratio", "own braking demand", "brake_command", _FOR_STOPS),
     Rule("length", "own position", "position", _PLACED),
     Rule("length|state", "own kilometre", "position", _PLACED),
     Rule("length|state", "own distance", "distance", _PLACED),
@@ -195,12 +195,12 @@ def _without_marks(word: str) -> str:
     return "".join(c for c in letters if not unicodedata.combining(c))
 
 
-_KNOWN_WORDS = {word for words in _WORDS_BY_KIND.values() for word in words}
-for _words in _WORDS_BY_KIND.values():
-    _plain_words = (_without_marks(x) for x in _words if len(x) >= _SHORTEST_PLAIN)
-    _words += [x for x in _plain_words if x.isascii() and x not in _KNOWN_WORDS]
+_VOCABULARY_WORDS = {word for words in _WORDS_BY_KIND.values() for word in words}
+for _kind_words in _WORDS_BY_KIND.values():
+    _unmarked_words = (_without_marks(x) for x in _kind_words if len(x) >= _SHORTEST_PLAIN)
+    _kind_words += [x for x in _unmarked_words if x.isascii() and x not in _VOCABULARY_WORDS]
 
-OFF, ON, CLOSED, OPEN = (
+OFF_STATES, ON_STATES, CLOSED_STATES, OPEN_STATES = (
     frozenset(" ".join(VOCABULARY["states"][kind].values()).split())
     for kind in ("off", "on", "closed", "open")
 )
@@ -251,8 +251,8 @@ def _part_of_kind(entries: Sequence[str], word: str) -> str:
     if word in entries or any(stem in entries and stem in word for stem in _STEMS):
         return word
     # "оси" is no part of "относительная"
-    parts = (x for x in entries if not x.isascii() and x in word)
-    return next((x for x in parts if len(x) > 3 or x >= "ぁ" or word.startswith(x)), "")
+    inner_words = (x for x in entries if not x.isascii() and x in word)
+    return next((x for x in inner_words if len(x) > 3 or x >= "ぁ" or word.startswith(x)), "")
 
 
 class _Name:
@@ -334,8 +334,8 @@ class _Name:
             return special(self)
         kinds = self.own_kinds if kind.startswith("own ") else self.kinds
         kind = kind.removeprefix("own ")
-        words = (kinds[x[0]] for x in _PAIRS.get(kind, [[kind]]) if all(k in kinds for k in x))
-        return next(words, "")
+        hits = (kinds[x[0]] for x in _PAIRS.get(kind, [[kind]]) if all(k in kinds for k in x))
+        return next(hits, "")
 
     def matches(self, pattern: str) -> list[str] | None:
         """The words that fulfil a row's conditions, None where one of them is not fulfilled."""
@@ -367,12 +367,12 @@ def _adhesion_force(name: _Name) -> str:
     It is next to the word for a force, or the only word but for an axle. A force for an adhesion
     test is no adhesion force.
     """
-    words = [w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())]
-    for i, word in enumerate(words):
-        neighbours = words[max(0, i - 1) : i + 2]
+    terms = [w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())]
+    for i, word in enumerate(terms):
+        neighbours = terms[max(0, i - 1) : i + 2]
         if word_of_kind("adhesion", [word]) and word_of_kind("force", neighbours):
             return word
-    unexplained = [w for w in words if not {"wheel", "bogie"} & _kinds(w).keys()]
+    unexplained = [w for w in terms if not {"wheel", "bogie"} & _kinds(w).keys()]
     return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
@@ -410,7 +410,7 @@ def guess(field: Field) -> Guess:
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
-        if rule.reason in (_NAMED, _SHOWN, _ON) and not _OF_AXLE & name.kinds.keys():
+        if rule.reason in (_NAMED, _FOR_STOPS, _ABOVE_ZERO) and not _OF_AXLE & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
         source = f"unit {unit}: {name.unit_from or 'in the name'}" if unit else "no unit stated"
@@ -419,9 +419,10 @@ def guess(field: Field) -> Guess:
     return Guess(None, axle, name.unit, NO_NAME)
 
 
-def says_state(words: tuple[str, ...]) -> bool:
+def says_state(cells: tuple[str, ...]) -> bool:
     """Whether one of these words of a column is known as that of a state."""
-    return any(word.casefold() in OFF | ON | CLOSED | OPEN for word in words)
+    states = OFF_STATES | ON_STATES | CLOSED_STATES | OPEN_STATES
+    return any(word.casefold() in states for word in cells)
 
 
 def names_brake(column: str) -> bool:
@@ -509,23 +510,23 @@ def _place_in(text: str, is_path: bool) -> Place:
     return Place(axle, bogie_number, owner, is_loose, is_number_apart, spare)
 
 
-def _numbered(words: Sequence[str]) -> list[str]:
+def _numbered(name_parts: Sequence[str]) -> list[str]:
     """The words, with "front bogie" and "axle rear" as "bogie 1" and "axle 2"."""
-    numbered_words = list(words)
-    for i, word in enumerate(words):
+    numbered_words = list(name_parts)
+    for i, word in enumerate(name_parts):
         number = "1" * ("front" in _kinds(word)) or "2" * ("rear" in _kinds(word))
         for k in (i + 1, max(i - 1, 0)) if number else ():
-            is_counted = "".join(words[k + 1 : k + 2]).isdecimal()  # as in "front axle 3"
-            if not is_counted and {"wheel", "bogie"} & _kinds("".join(words[k:][:1])).keys():
-                numbered_words[min(i, k) : max(i, k) + 1] = words[k], number
+            is_counted = "".join(name_parts[k + 1 : k + 2]).isdecimal()  # as in "front axle 3"
+            if not is_counted and {"wheel", "bogie"} & _kinds("".join(name_parts[k:][:1])).keys():
+                numbered_words[min(i, k) : max(i, k) + 1] = name_parts[k], number
                 break
     return numbered_words
 
 
 def _letter(name_parts: Sequence[str]) -> int | None:
     """What a letter counts behind a wheel or cylinder, or behind a quantity at the end."""
-    parts = [*filter(None, name_parts), ""]
-    for previous_word, word, next_word in zip(parts, parts[1:], parts[2:], strict=False):
+    tokens = [*filter(None, name_parts), ""]
+    for previous_word, word, next_word in zip(tokens, tokens[1:], tokens[2:], strict=False):
         kinds = _NUMBERED if next_word else _NUMBERED | _MEASURED
         if word in _COUNTS and kinds & _kinds(previous_word).keys():
             return _COUNTS[word]

@@ -13,7 +13,7 @@ from ..core.model import Bools, Channel, Column, Floats, Meaning, Parameter, Tim
 from ..core.text import NO_VALUE
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, entry_of
-from .rules import CLOSED, OFF, ON, OPEN
+from .rules import CLOSED_STATES, OFF_STATES, ON_STATES, OPEN_STATES
 
 # Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25, and
 # 255.996, which is 65535/256 of J1939.
@@ -25,7 +25,7 @@ _CODE_DISTANCE = 2.0  # times as large as every other value
 # Changes of nearly the smallest size, and the share of them that may repeat a value.
 _LEAST_CHANGES, _MOST_REPEATS = 10, 0.05
 # Cycles in which a value was held; share of the change that the slope around predicts: a lost one.
-_LONG, _TREND = 3.0, 0.75
+_LONG_STEP_RATIO, _TREND = 3.0, 0.75
 _FEWEST_HOLDS = 2  # intervals, as one alone may be a gap
 _LARGEST_ADDITION = 10_000_000  # samples
 
@@ -50,7 +50,7 @@ def codes_of_no_value(value: Floats) -> list[float]:
     return [code for code in codes if abs(code) > _CODE_DISTANCE * np.abs(other_values).max()]
 
 
-def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
+def with_held(data: Column, log_end: int, is_code: Bools) -> tuple[Column, Bools]:
     """The samples of a recorder that writes a channel when its value changes; and those it held.
 
     Such a recorder writes no value twice, while small changes are frequent in each cycle. An
@@ -60,7 +60,7 @@ def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
 
     Args:
         data: the samples.
-        end: of the log [ns]; the last value holds until then.
+        log_end: end of the log [ns]; the last value holds until then.
         is_code: samples that say "no value" (n,); a value holds no longer than until one.
 
     Returns:
@@ -68,31 +68,31 @@ def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
     """
     t, value = data.t[data.valid], data.value[data.valid]
     steps, none_added = np.diff(t), (data, np.zeros(len(data.t), np.bool_))
-    if len(t) <= _LEAST_CHANGES or not 0 < _LONG * steps.min() < steps.max():
+    if len(t) <= _LEAST_CHANGES or not 0 < _LONG_STEP_RATIO * steps.min() < steps.max():
         return none_added
     change = np.abs(np.diff(value))
     if not change.any():
         return none_added
     cycle, smallest = float(np.quantile(steps, 0.1)), change[change > 0.0].min()
-    is_long = steps > _LONG * cycle
-    small = np.count_nonzero(~is_long & (change > 0.0) & (change < 2.0 * smallest))
+    is_long_step = steps > _LONG_STEP_RATIO * cycle
+    small = np.count_nonzero(~is_long_step & (change > 0.0) & (change < 2.0 * smallest))
     is_repeated = change == 0.0
     # Some recorders write the old value once more right before a change.
     is_before_change = is_repeated & np.append(change[1:] > 0.0, False)
-    is_early = is_before_change & (steps > 1.5 * np.append(steps[1:], 0))
-    if 2 * np.count_nonzero(is_early) > np.count_nonzero(is_repeated):
+    is_early_repeat = is_before_change & (steps > 1.5 * np.append(steps[1:], 0))
+    if 2 * np.count_nonzero(is_early_repeat) > np.count_nonzero(is_repeated):
         is_repeated &= ~is_before_change
-    repeats = np.count_nonzero(~is_long & is_repeated)  # not those of a heartbeat
+    repeats = np.count_nonzero(~is_long_step & is_repeated)  # not those of a heartbeat
     if small < _LEAST_CHANGES or repeats > _MOST_REPEATS * small:
         return none_added
     slope = change / steps
     around = np.maximum(np.append(slope[:1], slope[:-1]), np.append(slope[1:], slope[-1:]))
-    hold_intervals = is_long & (change <= 2.0 * change[~is_long].max(initial=0.0))
+    hold_intervals = is_long_step & (change <= 2.0 * change[~is_long_step].max(initial=0.0))
     hold_intervals &= change <= np.maximum(_TREND * steps * around, 1.5 * smallest)
     if np.count_nonzero(hold_intervals) < _FEWEST_HOLDS:
         return none_added
-    lengths = np.append(np.where(hold_intervals, steps, 0), max(end - int(t[-1]) + cycle, 0.0))
-    code_t = np.append(data.t[is_code], end + cycle)
+    lengths = np.append(np.where(hold_intervals, steps, 0), max(log_end - int(t[-1]) + cycle, 0.0))
+    code_t = np.append(data.t[is_code], log_end + cycle)
     lengths = np.minimum(lengths, code_t[np.searchsorted(code_t[:-1], t)] - t)
     cycle = max(cycle, float(lengths.sum()) / _LARGEST_ADDITION)
     counts = np.maximum(np.ceil(lengths / cycle - 0.5).astype(np.int64) - 1, 0)
@@ -365,14 +365,14 @@ def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[st
     """
     if not column.words:
         return column, ()
-    off_words = OFF | (OPEN if meaning == "hold_valve" else CLOSED)
-    on_words = ON | (CLOSED if meaning == "hold_valve" else OPEN)
+    zero_words = OFF_STATES | (OPEN_STATES if meaning == "hold_valve" else CLOSED_STATES)
+    one_words = ON_STATES | (CLOSED_STATES if meaning == "hold_valve" else OPEN_STATES)
     folded = [word.casefold() for word in column.words]
-    known_words = off_words | on_words
-    missing = {word for word in folded if word not in known_words and NO_VALUE.search(word)}
-    level_words = [word for word in dict.fromkeys(folded) if word not in off_words | missing]
-    if all(word in on_words for word in level_words):
-        level_of = {word: float(word in on_words) for word in folded}
+    state_words = zero_words | one_words
+    missing = {word for word in folded if word not in state_words and NO_VALUE.search(word)}
+    level_words = [word for word in dict.fromkeys(folded) if word not in zero_words | missing]
+    if all(word in one_words for word in level_words):
+        level_of = {word: float(word in one_words) for word in folded}
     else:
         level_of = dict.fromkeys(folded, 0.0)
         level_words.sort(key=lambda word: float((re.search(r"\d+", word) or ["inf"])[0]))

@@ -115,13 +115,13 @@ def _crawls_braked(record: AxleRecord) -> Bools:
     """
     K, speed, t = record.clamping_force, np.abs(record.wheel_speed), record.t * 1e-9
     is_braked = np.nan_to_num(K) > 0.5 * float(np.nanmax(K, initial=0.0))
-    stands = np.zeros(len(record), dtype=bool)
+    is_at_rest = np.zeros(len(record), dtype=bool)
     for start, stop in true_runs(is_braked & (speed < _BRAKED_CRAWL)):
         if t[stop - 1] - t[start] > _LONGEST_CRAWL:
-            later = start + int(np.searchsorted(t[start:stop], t[start] + 1.0))
-            resting = speed[start:stop] <= speed[later:stop].max()
-            stands[start + int(np.argmax(resting)) : stop] = True
-    return stands
+            row_after_second = start + int(np.searchsorted(t[start:stop], t[start] + 1.0))
+            resting = speed[start:stop] <= speed[row_after_second:stop].max()
+            is_at_rest[start + int(np.argmax(resting)) : stop] = True
+    return is_at_rest
 
 
 def _kept_to_the_end(record: AxleRecord, segment: slice) -> slice:

@@ -52,7 +52,7 @@ class _Database:
         self._by_id = {key: message for key, (message, _) in origins.items()}
         self.size = len(self._by_id)
         self._by_name = {m.name: key for key, m in self._by_id.items()}
-        extended = ((number, m) for (number, is_long), m in self._by_id.items() if is_long)
+        extended = ((number, m) for (number, is_extended), m in self._by_id.items() if is_extended)
         j1939 = ((number, m) for number, m in extended if m.protocol == "j1939")
         self._by_group = {_parameter_group(number): m for number, m in j1939}
 
@@ -98,8 +98,8 @@ class _Frames:
         selected = _selected(bits, message, signal)
         value, no_value = _decoded(bits[selected], message, signal)
         sizes = np.frombuffer(self.sizes, np.uint8)[selected].astype(np.int64)
-        too_short = 8 * sizes <= max(_positions(signal))
-        return selected, value, {"value-missing": too_short, "value-is-text": no_value & ~too_short}
+        truncated = 8 * sizes <= max(_positions(signal))
+        return selected, value, {"value-missing": truncated, "value-is-text": no_value & ~truncated}
 
 
 class _CanSignal(NamedTuple):
@@ -146,9 +146,9 @@ class Reader:
                 finding = Finding(code, "warning", count=len(times))
                 events.append((finding, _ticks(np.array(times), self._start)))
         numbers = self._fields()
-        words = {x: distinct_words(_words(x.signal)) for x in self._signals}
+        states = {x: distinct_words(_words(x.signal)) for x in self._signals}
         number_of = zip(self._signals, numbers, strict=True)
-        texts = {x: replace(number, words=words[x]) for x, number in number_of if words[x]}
+        texts = {x: replace(number, words=states[x]) for x, number in number_of if states[x]}
         self._all_signals = [*self._signals, *texts]
         contents = numbers, self._start, time_reason, rows, reasons, findings
         self.contents = Contents(*contents, [*texts.values()], events)
@@ -223,15 +223,15 @@ class Reader:
             place = key, selected.tobytes()
             if place not in times:
                 times[place] = _ticks(np.frombuffer(frames.t, np.float64)[selected], self._start)
-            words: tuple[str, ...] = ()
+            state_words: tuple[str, ...] = ()
             if k >= len(self._signals):
                 number_of = {number: word for word, number in enumerate(signal.choices)}
                 raw = _raw(bits[key][selected], signal).tolist()
                 numbers = np.array([number_of.get(number, np.nan) for number in raw])
-                is_none = np.logical_or(*masks.values())
-                if np.isfinite(numbers[~is_none]).all():  # else it is a number
-                    value, words = numbers, _words(signal)
-            series.append(TableSamples(times[place], value, masks, words))
+                has_no_value = np.logical_or(*masks.values())
+                if np.isfinite(numbers[~has_no_value]).all():  # else it is a number
+                    value, state_words = numbers, _words(signal)
+            series.append(TableSamples(times[place], value, masks, state_words))
         return series, []
 
 

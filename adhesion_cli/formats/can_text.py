@@ -155,10 +155,10 @@ class TextLog:
         """The frame of a line, None for none; a line that should hold one is noted."""
         try:
             frame = self._line_reader(line) if line else None
-            is_lost = frame is None and bool(_CONTROL.search(line))
+            is_lost_frame = frame is None and bool(_CONTROL.search(line))
         except (ValueError, LookupError):
-            frame, is_lost = None, True
-        if is_lost:
+            frame, is_lost_frame = None, True
+        if is_lost_frame:
             self._skip(number, line)
         return frame
 
@@ -176,19 +176,19 @@ class TextLog:
         if len(tokens) < 3 or not (is_fd or tokens[1].isdecimal()):
             return event
         bus = int(tokens[2 if is_fd else 1]) - 1
-        parts = tokens[3 if is_fd else 2 :]
-        if "errorframe" in (token.lower() for token in parts[:2]):
+        fields = tokens[3 if is_fd else 2 :]
+        if "errorframe" in (token.lower() for token in fields[:2]):
             return Frame(t, bus, 0, kind="error")
-        has_direction = len(parts) > 1 and parts[1] in _DIRECTIONS
-        if not has_direction and _EVENTS.match(parts[0]):
+        has_direction = len(fields) > 1 and fields[1] in _DIRECTIONS
+        if not has_direction and _EVENTS.match(fields[0]):
             return event  # a message of such a name has a direction
         if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
-            has_name = not parts[2].isdecimal()
-            text, size, data = parts[1], int(parts[5 + has_name]), parts[6 + has_name :]
+            has_name = not fields[2].isdecimal()
+            text, size, data = fields[1], int(fields[5 + has_name]), fields[6 + has_name :]
             is_remote = size == 0
         elif has_direction:  # identifier, direction, d or r, DLC
-            text, data, is_remote = parts[0], parts[4:], parts[2].lower() == "r"
-            size = 0 if is_remote else min(int(parts[3], self._base), 8)
+            text, data, is_remote = fields[0], fields[4:], fields[2].lower() == "r"
+            size = 0 if is_remote else min(int(fields[3], self._base), 8)
         else:
             raise ValueError
         octets, kind = self._bytes(data, size), "remote" if is_remote else "data"

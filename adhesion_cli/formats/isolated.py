@@ -46,8 +46,8 @@ class Library:
         if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
             text = f"{path}: {self.description} needs {' and '.join(missing)}, not installed"
             raise UserError(text, installed_by(self.extra))
-        own = replace(options, dbc=tuple(str(Path(name).absolute()) for name in options.dbc))
-        ask = partial(self.call, path, _read, self.kind, own)
+        dbc = tuple(str(Path(name).absolute()) for name in options.dbc)
+        ask = partial(self.call, path, _read, self.kind, replace(options, dbc=dbc))
         return TableSource(path, self.kind, options, ask)
 
     def call(self, path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -65,8 +65,8 @@ class Library:
                     child = _children[self.kind] = Child()
             return child.call(_call, self, absolute, function, arguments, seconds=seconds)
         except ChildDiedError as error:
-            ends = "crashes or needs too much memory", "does not come to an end"
-            raise damaged(path, self.description, f"its reader {ends[error.was_late]}") from None
+            fates = "crashes or needs too much memory", "does not come to an end"
+            raise damaged(path, self.description, f"its reader {fates[error.was_late]}") from None
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))
             raise

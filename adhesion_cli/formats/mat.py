@@ -34,8 +34,8 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
     other_variables: list[str] = []
 
     def write(text: Path) -> list[str]:
-        names, others = _LIBRARY.call(path, write_text, text)
-        other_variables.extend(others)
+        names, other_names = _LIBRARY.call(path, write_text, text)
+        other_variables.extend(other_names)
         return [""] * len(names)
 
     source = open_text("mat", path, write, options)
@@ -63,8 +63,8 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
         problem = f"{path}: a MATLAB file of version 7.3 (HDF5), which is not read"
         raise UserError(problem, "save it in MATLAB with the option -v7")
     variables = loadmat(path, simplify_cells=True)
-    own = (pair for pair in variables.items() if pair[0][:2] != "__")
-    arrays = {name: x for variable in own for name, x in _columns(*variable)}
+    variable_pairs = (pair for pair in variables.items() if pair[0][:2] != "__")
+    arrays = {name: x for variable in variable_pairs for name, x in _columns(*variable)}
     columns = {name: x for name, x in arrays.items() if x.ndim == 1}
     lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
     times = [len(x) for name, x in columns.items() if time_name(name.split(".")[-1])]
@@ -77,8 +77,8 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
         problem = f"{path}: no two variables of numbers have one length (variables: {sizes})"
         raise UserError(problem, "save the time and the channels as vectors of one length")
     write_table({name: pa.array(columns[name]) for name in names}, text)
-    others = {name: x for name, x in arrays.items() if name not in names and x.size > 1}
-    return names, [f"{name} ({' x '.join(map(str, x.shape))})" for name, x in others.items()]
+    other_arrays = {name: x for name, x in arrays.items() if name not in names and x.size > 1}
+    return names, [f"{name} ({' x '.join(map(str, x.shape))})" for name, x in other_arrays.items()]
 
 
 def _step(columns: dict[str, Any]) -> float:

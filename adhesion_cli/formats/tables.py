@@ -95,7 +95,7 @@ class TableSource(Source):
         self.report(*findings)
         self.report(*(replace(f, spans=spans_of(t, t, start)) for f, t in self._events))
         columns = []
-        for f, (t, value, masks, words) in zip(wanted, series, strict=True):
+        for f, (t, value, masks, labels) in zip(wanted, series, strict=True):
             valid = np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
@@ -104,7 +104,7 @@ class TableSource(Source):
                     severity = MASKS[code] if count < len(mask) else "info"
                     spans, values = spans_of_mask(mask, t, start), {"samples": len(mask)}
                     self.report(Finding(code, severity, f.name, count, spans, values))
-            columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid, words))
+            columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid, labels))
         return columns
 
 
@@ -161,6 +161,6 @@ def state_fields(
     named: dict[Any, NamedColumn], words: dict[Any, tuple[str, ...]], numbers: dict[Any, Field]
 ) -> list[Field]:
     """A field for each channel of words, those of its head; words may stand for the `numbers`."""
-    others = {place: x for place, x in named.items() if place not in numbers}
-    by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
+    texts = {place: x for place, x in named.items() if place not in numbers}
+    by_place = {**numbers, **dict(zip(texts, fields([*texts.values()], ""), strict=True))}
     return [replace(by_place[place], words=x) for place, x in words.items()]

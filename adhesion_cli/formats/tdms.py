@@ -121,11 +121,11 @@ class Reader:
         times = {name for axis in by_name.values() for name in axis.names}
         usable = [c for c, _ in channels.values() if c.name not in times]
         axis = self._time_channel(group.name, usable, waves)
-        others = [c for c in usable if c.name not in {*by_name, *waves}]
-        other_channels = [c for c in others if _kind(c) in ("number", "time")]
+        remaining_channels = [c for c in usable if c.name not in {*by_name, *waves}]
+        other_channels = [c for c in remaining_channels if _kind(c) in ("number", "time")]
         if other_channels and axis is None:
             try:
-                axis = self._by_columns(group.name, others)
+                axis = self._by_columns(group.name, remaining_channels)
             except UserError:
                 if not by_name and not waves:
                     raise
@@ -144,8 +144,8 @@ class Reader:
         for c in texts:
             alike = (x for x in self._channels if x[0].group_name == c.group_name)
             axis = next((axis for x, axis in alike if len(x) == len(c)), None)
-            if axis and (words := distinct_words(c[:HEAD])):
-                self._words[c, axis] = words
+            if axis and (state_words := distinct_words(c[:HEAD])):
+                self._words[c, axis] = state_words
 
     def _readable(self, group: Any) -> dict[str, tuple[Any, _States]]:
         """The channels of a group whose numbers are known, by name, with what is said of them."""
@@ -291,15 +291,15 @@ class Reader:
         series, findings = [], []
         pairs = [*self._channels, *self._words]
         for channel, axis in (pairs[k] for k in wanted):
-            words = list[str]()
+            labels = list[str]()
             is_text = _kind(channel) == "text"
-            value = numbered(channel[:], words) if is_text else np.asarray(channel[:], np.float64)
+            value = numbered(channel[:], labels) if is_text else np.asarray(channel[:], np.float64)
             t, ok = self._times(axis, len(value))
             n = min(len(value), len(t))
             if invalid := len(value) - int(np.count_nonzero(ok[:n])):
                 findings.append(Finding("time-unreadable", "warning", channel.name, invalid))
             whole_t = times.setdefault((axis, n), t[:n][ok[:n]])
-            series.append(TableSamples(whole_t, value[:n][ok[:n]], {}, tuple(words)))
+            series.append(TableSamples(whole_t, value[:n][ok[:n]], {}, tuple(labels)))
         return series, findings
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
@@ -355,8 +355,8 @@ def _waves(states: _States) -> _Waves:
         if pieces and pieces[-1][:3] == wave[:3]:
             continue
         if pieces and pieces[-1].increment == wave.increment:
-            last = pieces[-1]
-            time_shift = (wave.start - last.start) / 1e9 + wave.offset - last.time(row)
+            piece = pieces[-1]
+            time_shift = (wave.start - piece.start) / 1e9 + wave.offset - piece.time(row)
             if abs(time_shift) < wave.increment / 2.0:
                 continue
         pieces.append(wave)
@@ -430,10 +430,10 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
         channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
-    is_whole = channel.dtype.kind in "iu"
-    if is_whole and not types and (problem := tables.open_scale(channel.properties)):
+    has_integers = channel.dtype.kind in "iu"
+    if has_integers and not types and (problem := tables.open_scale(channel.properties)):
         return problem
-    if is_known_scaling or not (types or (has_raw_data and is_whole)):
+    if is_known_scaling or not (types or (has_raw_data and has_integers)):
         return ""
     return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"
 

@@ -50,7 +50,7 @@ _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 Ja
 _ROWS = 1 << 16  # written at once
 _RESULTS = 100  # rows that a table of results has at most
 _HEAD_ROWS = 60  # in which names and units stand
-_OF_STATED = "the one with most of the stated channels"  # why a sheet is read
+_OF_STATED_CHANNELS = "the one with most of the stated channels"  # why a sheet is read
 _OF_BRAKE = "the first with a speed or a brake pressure"
 _OF_NUMBERS = "the first with columns of numbers"
 _MEASURED = ("pressure", "speed", "angular speed")
@@ -116,13 +116,13 @@ class _Sheet(NamedTuple):
 
 
 def write_text(
-    path: Path, target: Path, options: ReadOptions, passed: Sequence[str] = (), joins: bool = True
+    path: Path, target: Path, options: ReadOptions, refused: Sequence[str] = (), joins: bool = True
 ) -> SheetText | None:
     """Writes the cells of a sheet as lines, tabs between them; row N of the sheet is line N.
 
     Where no sheet is stated it is the one with most of the stated channels, else the first visible
     one with columns of numbers, of which one is a brake's by name or unit, else the first with
-    columns of numbers. `passed` are sheets that are no log: None where no other has columns of
+    columns of numbers. `refused` are sheets that are no log: None where no other has columns of
     numbers. With `joins`, other sheets of the same log stand beside or below it.
 
     Raises:
@@ -133,8 +133,8 @@ def write_text(
         error = unknown("sheet", sheet_name, book.names)
         raise UserError(f"{path}: {error.text}", error.hint)
     if sheet_name is None:
-        sheets = _sheets(book, [x for x in book.names if x not in passed], options)
-        if not sheets and passed:
+        sheets = _sheets(book, [x for x in book.names if x not in refused], options)
+        if not sheets and refused:
             return None
         if not sheets:
             hidden_sheets = [x for x in book.names if not book.columns(x)[1]]
@@ -143,7 +143,7 @@ def write_text(
             raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
         best = max(sheets, key=lambda x: (x.stated_count, x.is_of_brake * (1 + x.is_log)))
         reason = _OF_BRAKE if best.is_of_brake else _OF_NUMBERS
-        reason = _OF_STATED if best.stated_count else reason
+        reason = _OF_STATED_CHANNELS if best.stated_count else reason
         part_names, columns = [best.name], best.columns
         logs = [x for x in sheets if x.is_of_brake and x.is_log]
         places = [x for x in logs if options.names_place and options.names_place(x.name)]
@@ -168,8 +168,8 @@ def write_text(
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
     has_channels = reason != _OF_NUMBERS or any(any(map(time_name, x.heads())) for x in columns)
-    is_part = are_places and len(part_names) == 1
-    return SheetText(part_names, other_sheets, reason, has_channels, is_part)
+    is_one_of_several = are_places and len(part_names) == 1
+    return SheetText(part_names, other_sheets, reason, has_channels, is_one_of_several)
 
 
 def _without_notes(columns: Sequence[_Column]) -> list[_Column]:
@@ -188,14 +188,14 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
         is_measured = unit is not None and unit.dimension in _MEASURED
         return is_measured or (options.names_brake is not None and options.names_brake(head))
 
-    stated = [x for x in (options.time_channel, *options.named_channels) if x]
+    wanted = [x for x in (options.time_channel, *options.named_channels) if x]
     sheets = []
     for name in names:
         columns, is_visible = book.columns(name)
         if not is_visible or sum(c.is_of_numbers for c in columns) < 2:
             continue
         heads = [c.heads() for c in columns]
-        stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in stated)
+        stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in wanted)
         is_of_brake = any(any(map(says_brake, cells)) for cells in heads)
         is_log = len(columns[0].text) > _RESULTS or any(any(map(speaks_of_time, x)) for x in heads)
         sheets.append(_Sheet(name, columns, stated_count, is_of_brake, is_log))
@@ -240,7 +240,7 @@ def _titled(title: str, columns: Sequence[_Column]) -> list[_Column]:
     names = [cells[row] for cells in heads]
     titles = [{} if time_name(x) else {row: f"{title} {x}"} for x in names]
     pairs = zip(columns, titles, strict=True)
-    return [c._replace(text=_with(c.text, title_cells)) for c, title_cells in pairs]
+    return [c._replace(text=_with_cells(c.text, title_cells)) for c, title_cells in pairs]
 
 
 def _blanks(n: int) -> _Column:
@@ -252,11 +252,11 @@ def _stacked(*parts: _Column) -> _Column:
     return _Column(*map(pa.concat_arrays, zip(*parts, strict=True)))
 
 
-def _shows_pair(first: NDArray[np.float64], other_times: NDArray[np.float64]) -> bool:
+def _shows_pair(first_times: NDArray[np.float64], other_times: NDArray[np.float64]) -> bool:
     """Whether the head of two times shows that they differ, if they do."""
-    n = min(len(first), len(other_times), _HEAD_ROWS)
-    is_alike = np.array_equal(first[:n], other_times[:n])
-    return not is_alike or np.array_equal(first[: len(other_times)], other_times)
+    n = min(len(first_times), len(other_times), _HEAD_ROWS)
+    is_equal_head = np.array_equal(first_times[:n], other_times[:n])
+    return not is_equal_head or np.array_equal(first_times[: len(other_times)], other_times)
 
 
 def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:
@@ -302,7 +302,7 @@ class _Book:
         del sheet  # one of the two in memory is enough
         sheet = self._number.load_sheet(name, header_row=None, skip_rows=0, dtypes="float")
         pairs = zip(texts.columns, sheet.to_arrow().columns, strict=True)
-        columns = [self._column(_with(x, details[k]), n) for k, (x, n) in enumerate(pairs)]
+        columns = [self._column(_with_cells(x, details[k]), n) for k, (x, n) in enumerate(pairs)]
         return columns, is_visible
 
     def _column(self, text: Any, number: Any) -> _Column:
@@ -352,7 +352,7 @@ def _detail(detail: str) -> str:
     return ":".join(re.findall("[0-9]+", match[2])) + (f".{match[3]}" if match[3] else "")
 
 
-def _with(text: Any, rows: dict[int, str]) -> Any:
+def _with_cells(text: Any, rows: dict[int, str]) -> Any:
     """The text with other cells in some rows."""
     if not rows:
         return text

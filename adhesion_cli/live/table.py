@@ -94,8 +94,8 @@ class ArrivingCsv:
         times, series = parsed.times.tolist(), codes.tolist()
         values = {i: column.tolist() for i, column in parsed.values.items()}
         for n in np.flatnonzero(timed).tolist():
-            own = {place: i for place, (k, i) in enumerate(self._wanted) if k == series[n]}
-            yield FeedRow(times[n], {place: values[i][n] for place, i in own.items()})
+            places = {place: i for place, (k, i) in enumerate(self._wanted) if k == series[n]}
+            yield FeedRow(times[n], {place: values[i][n] for place, i in places.items()})
 
 
 class LiveTable(Feed):

@@ -141,8 +141,8 @@ class LiveWheels:
         motors = []
         for sign, meaning in zip((1.0, -1.0), MOTOR_FORCES, strict=True):
             if key := find(self._by_key, meaning, axle):
-                stated = self._by_key[key].mapping
-                tolerance = stated.tolerance if stated else MOTOR_TOLERANCE
+                mapping = self._by_key[key].mapping
+                tolerance = mapping.tolerance if mapping else MOTOR_TOLERANCE
                 motors.append(MotorPlace(self._place(key), sign, tolerance))
         return tuple(motors)
 

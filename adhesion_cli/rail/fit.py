@@ -363,9 +363,9 @@ def _summarise_draws(
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
     at_speeds = np.append(speed, speeds)
-    peaks, peaks_with_errors = both = np.empty((2, len(curves), len(at_speeds), 2))
-    for rails_of, found in zip((curves, curves_with_errors), both, strict=True):
-        compiled.function(_peaks)(rails_of, setup.patch, setup.shape, at_speeds, found)
+    peaks, peaks_with_errors = all_peaks = np.empty((2, len(curves), len(at_speeds), 2))
+    for rails_of, curve_peaks in zip((curves, curves_with_errors), all_peaks, strict=True):
+        compiled.function(_peaks)(rails_of, setup.patch, setup.shape, at_speeds, curve_peaks)
     peak_slip, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
     lowest, highest = np.quantile(setup.p.slip, _SLIP_QUANTILES).tolist()
     slip_limit = max(peak_slip.upper, lowest)  # of less slip there are no points
@@ -378,7 +378,7 @@ def _summarise_draws(
     largest_mu = peaks_with_errors[:, 1:, 1]
     shares_used = _utilisation(points, rails_drawn, setup.radius, sigma, speeds, largest_mu)
     utilisation = _interval(np.minimum(shares_used, 1.0))
-    is_wide = utilisation.upper - utilisation.lower > _WIDEST_UTILISATION
+    is_uncertain = utilisation.upper - utilisation.lower > _WIDEST_UTILISATION
     return RailFit(
         best,
         rails,
@@ -387,7 +387,7 @@ def _summarise_draws(
         slip_limit if beyond_peak else None,
         peak_slip if beyond_peak and lowest < peak_slip.value and _narrow(peak_slip) else None,
         mu if shows_peak_mu else None,
-        None if is_wide or lacks_points_before else utilisation,
+        None if is_uncertain or lacks_points_before else utilisation,
         speed,
         float(np.median(draws[:, _DELAY])),
         setup.p,

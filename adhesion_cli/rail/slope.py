@@ -93,8 +93,8 @@ def check_bands(b: Bands, section: str) -> Bands:
         ("slope", b.slope_low, b.slope_high),
     ):
         if lower >= upper:
-            low, high = f"{section}.{name}_low", f"{section}.{name}_high"
-            text = f"{low} = {lower:g} is not below {high} = {upper:g}"
+            low_key, high_key = f"{section}.{name}_low", f"{section}.{name}_high"
+            text = f"{low_key} = {lower:g} is not below {high_key} = {upper:g}"
             raise UserError(text, "a band is from low to high", code=2)
     return b
 

@@ -79,10 +79,10 @@ def choose(log: Log, axles: Sequence[int], vehicle: Vehicle) -> Choice:
             choices.append(AxleChoice(axle, speed, brake, vehicle.of_axle(axle)))
         elif axle in requested and (key := speed or brake):
             brakes = [c for (meaning, _), c in channels.items() if meaning in BRAKES]
-            alone = [k for k in channels if k[0] == "wheel_speed" and k[1]]
-            speeds = [channels[k] for k in alone if not brake_of(channels, k[1] or 1)]
-            others = brakes if speed else speeds
-            findings.append(incomplete(axle, channels[key].title, speed is not None, others))
+            speed_keys = [k for k in channels if k[0] == "wheel_speed" and k[1]]
+            speeds = [channels[k] for k in speed_keys if not brake_of(channels, k[1] or 1)]
+            spares = brakes if speed else speeds
+            findings.append(incomplete(axle, channels[key].title, speed is not None, spares))
     return Choice(channels, tuple(choices), requested, rates[0] if rates else None, findings)
 
 
@@ -109,8 +109,8 @@ def axle_numbers(
         error = _missing(path, titles, "brake-cylinder pressure", (proposals or {}).get("pressure"))
     if error:
         if meanings & {"wheel_speed", "train_speed"}:
-            without = "`adhesion stops` gives distance and deceleration without it."
-            error.hint = f"{without} {error.hint}"
+            stops_hint = "`adhesion stops` gives distance and deceleration without it."
+            error.hint = f"{stops_hint} {error.hint}"
         raise error
     of_axles: tuple[Meaning, ...] = ("wheel_speed", *BRAKES)
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
@@ -120,13 +120,13 @@ def axle_numbers(
     return numbers
 
 
-def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel] = ()) -> Finding:
+def incomplete(axle: int, title: str, has_speed: bool, spares: Sequence[Channel] = ()) -> Finding:
     """An axle with a wheel speed and no brake, or the other way round.
 
-    `title` is of the channel that it has. One of `others` may be the missing one.
+    `title` is of the channel that it has. One of `spares` may be the missing one.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    entry = next(({"channel": c.name, "field": c.field} for c in others), {"channel": "NAME"})
+    entry = next(({"channel": c.name, "field": c.field} for c in spares), {"channel": "NAME"})
     key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
     names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)

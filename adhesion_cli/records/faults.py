@@ -43,8 +43,8 @@ class View(NamedTuple):
     def contains(self, t: Times) -> Bools:
         """Which times lie in the window, shape (n,)."""
         since, (start, stop) = self.seconds(t), self.window
-        is_after: Bools = since >= (-np.inf if start is None else start)
-        return is_after & (since <= (np.inf if stop is None else stop))
+        has_begun: Bools = since >= (-np.inf if start is None else start)
+        return has_begun & (since <= (np.inf if stop is None else stop))
 
     def report(self, fault: Fault, channel: Channel) -> list[Finding]:
         """The finding of a fault; none where the window holds no sample of it.

@@ -79,8 +79,8 @@ class Trace(NamedTuple):
     def thinned(self, interval: float) -> "Trace":
         """One sample per interval [s]."""
         _, first_rows = np.unique(self.t // round(1e9 * interval), return_index=True)
-        before = np.cumsum([self.jumps, ~self.joined], axis=1)  # each one
-        jumps, breaks = np.diff(np.insert(before, 0, 0, axis=1)[:, first_rows]) > 0
+        break_counts = np.cumsum([self.jumps, ~self.joined], axis=1)  # each one
+        jumps, breaks = np.diff(np.insert(break_counts, 0, 0, axis=1)[:, first_rows]) > 0
         return Trace(self.t[first_rows], self.value[first_rows], jumps, ~breaks)
 
 
@@ -146,8 +146,8 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
     if coordinates is None:
         return NOWHERE
     thinned = coordinates.thinned(_WAY_INTERVAL)  # noise of every sample would add up
-    stands = speed is not None and _larger_speeds(thinned.t, speed) <= _MOVING
-    steps = np.where(thinned.jumps | stands, 0.0, thinned.distances())
+    is_at_rest = speed is not None and _larger_speeds(thinned.t, speed) <= _MOVING
+    steps = np.where(thinned.jumps | is_at_rest, 0.0, thinned.distances())
     distance = np.concatenate([[0.0], np.cumsum(steps)])
     return Route(thinned._replace(value=distance), "coordinates", coordinates)
 

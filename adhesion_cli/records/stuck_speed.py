@@ -50,9 +50,9 @@ def find_wheel_faults(
     for axle in reversed(axles):
         speed, brake = channels.get(axle.speed), channels.get(axle.brake)
         if speed and brake:
-            others = [k for k in channels if k[0] == "wheel_speed" and k != axle.speed]
-            others += [k for k in channels if k[0] == "train_speed"]
-            other_speeds = [channels[k] for k in others]
+            other_keys = [k for k in channels if k[0] == "wheel_speed" and k != axle.speed]
+            other_keys += [k for k in channels if k[0] == "train_speed"]
+            other_speeds = [channels[k] for k in other_keys]
             force, _ = SampleTimes(speed.data.t, speed.pieces).last_value(brake)
             if brake.meaning == "pressure":
                 force = clamping_force(force, axle.vehicle)

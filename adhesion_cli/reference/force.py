@@ -217,8 +217,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         known = runs, wheel, informative, fitted, regimes, prior
         averaged, mean_rates, means, noise_of_means = _as_means(*known)
         if mean_rates:
-            both = zip(rates, mean_rates, strict=True)
-            rates = [noise_fit.mix_estimates(*pair, averaged) for pair in both]
+            rate_pairs = zip(rates, mean_rates, strict=True)
+            rates = [noise_fit.mix_estimates(*pair, averaged) for pair in rate_pairs]
         if averaged > LIKELY:
             judged, levels = means, noise_of_means
     squares = [_rolling_squares(run, regimes, levels) for run in judged]

@@ -122,17 +122,17 @@ def switching_regimes(follow: Floats, spread: float) -> Regimes:
 
 
 def fit_again(
-    runs: Runs, regimes: Regimes, prior: MeasurementNoise, slack: Slack, near: MeasurementNoise
+    runs: Runs, regimes: Regimes, prior: MeasurementNoise, slack: Slack, start: MeasurementNoise
 ) -> MeasurementNoise:
-    """Noise levels of runs that changed a little since `near` was fitted.
+    """Noise levels of runs that changed a little since `start` was fitted.
 
     The fit is without leaps: it would take a leap for noise.
     """
     count = min(len(regimes.start), _FITTED)
     fitted = switching_regimes(_FOLLOW[:count], regimes.spread)
-    near = near._replace(rough=near.rough[:count])
+    start = start._replace(rough=start.rough[:count])
     sample, levels = take_samples(runs), _prior(count, prior, slack)
-    noise, _ = smoother.fit(sample, fitted, levels, near)
+    noise, _ = smoother.fit(sample, fitted, levels, start)
     return noise._replace(rough=np.append(noise.rough, prior.rough[count : len(regimes.start)]))
 
 
@@ -232,8 +232,8 @@ def take_samples(runs: Runs) -> Runs:
     count = min(_FITTED_SAMPLES // _BLOCK // 2, len(blocks))
     means = []
     for b in blocks:
-        first, sizes = _slices(b.t, _SLIDE_SLICE)  # vibration has no part in its changes of slope
-        means.append(np.add.reduceat(b.y, first) / sizes)
+        begins, sizes = _slices(b.t, _SLIDE_SLICE)  # vibration has no part in its changes of slope
+        means.append(np.add.reduceat(b.y, begins) / sizes)
     roughness = [float(np.sum(np.diff(x, 2) ** 2)) for x in means]
     roughest = np.argsort([-x for x in roughness], kind="stable")[:count]
     spread = np.linspace(0, len(blocks) - 1, count).astype(int)

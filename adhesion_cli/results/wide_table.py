@@ -91,15 +91,15 @@ _RowsOfAxes = dict[int, NDArray[np.int64]]  # of the samples, by the identity of
 
 def _batches(log: Log, schema: Any, t: Times, rows: _RowsOfAxes) -> Iterator[Any]:
     """The rows in order, some at once; a channel's column is null where it has no value."""
-    for first in range(0, len(t), _ROWS):
-        times = t[first : first + _ROWS]
+    for first_row in range(0, len(t), _ROWS):
+        times = t[first_row : first_row + _ROWS]
         columns = [_time_column(times, schema.types[0])]
         for data in (channel.data for channel in log.channels):
             values, has_value = np.zeros(len(times)), np.zeros(len(times), bool)
             places = rows[id(data.t)]  # which rise
-            piece = slice(*np.searchsorted(places, [first, first + len(times)]))
-            values[places[piece] - first] = data.value[piece]
-            has_value[places[piece] - first] = data.valid[piece]
+            piece = slice(*np.searchsorted(places, [first_row, first_row + len(times)]))
+            values[places[piece] - first_row] = data.value[piece]
+            has_value[places[piece] - first_row] = data.valid[piece]
             columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
         yield pa.record_batch(columns, schema=schema)
 
@@ -131,8 +131,8 @@ def _rows(log: Log) -> tuple[Times, _RowsOfAxes]:
     is_new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
     row = np.empty(len(order), np.int64)
     row[order] = np.cumsum(is_new) - 1
-    ends = np.cumsum([len(t) for t in axes.values()])
-    return table[1, is_new], dict(zip(axes, np.split(row, ends[:-1]), strict=False))
+    axis_stops = np.cumsum([len(t) for t in axes.values()])
+    return table[1, is_new], dict(zip(axes, np.split(row, axis_stops[:-1]), strict=False))
 
 
 def _keys(t: Times) -> NDArray[np.int64]:

@@ -232,8 +232,8 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     settings, texts = log.request.settings, list[str]()
     sister_logs = [x for x in logs if x.brake_mode == log.brake_mode]
     if any(s.command_from == "pressure" for s in log.map.stops) and not settings.stops.dead_time:
-        own = [s.build_up_s.value for s in log.map.stops if s.build_up_s]
-        stops_of_others = (s for x in sister_logs for s in x.map.stops if _fills_alike(s, own))
+        fills = [s.build_up_s.value for s in log.map.stops if s.build_up_s]
+        stops_of_others = (s for x in sister_logs for s in x.map.stops if _fills_alike(s, fills))
         times = [s.dead_time_s.value for s in stops_of_others if s.dead_time_s]
         if times and np.ptp(times) < 4.0 * DEAD_TIME_ERROR * np.mean(times):
             stops = settings.stops._replace(dead_time=float(np.mean(times)))
@@ -255,8 +255,8 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     if not texts:
         return log
     finding = Finding("times-of-other-logs", "info", names={"times": " and ".join(texts)})
-    again = _test_log(log.request._replace(settings=settings))
-    return again._replace(findings=(*again.findings, finding))
+    second_test = _test_log(log.request._replace(settings=settings))
+    return second_test._replace(findings=(*second_test.findings, finding))
 
 
 def _fills_alike(stop: StopSummary, build_ups: Sequence[float]) -> bool:

@@ -201,8 +201,8 @@ def _check_agreement(
     origin = np.array([prior[i].value for i in range(n)])
     slopes = solve.gradients(designs, joint.mean)
     for d, log_gradients in zip(designs, slopes, strict=True):
-        left = solve.residual(d, joint.mean, log_gradients)
-        counts, start = solve.independent_samples(d, left), joint.mean[:n]
+        residuals = solve.residual(d, joint.mean, log_gradients)
+        counts, start = solve.independent_samples(d, residuals), joint.mean[:n]
         posterior = solve.search([d], [counts], prior, [start]).posterior()
         means.append(posterior.mean[:n] - origin)
         informations.append(np.linalg.inv(posterior.covariance[:n, :n]))
@@ -238,7 +238,7 @@ def _check_plausible(
     sigmas["creep_stiffness"] = min(sigmas.get("creep_stiffness", 0.0), 0.0)
     bounds = quantities(Vehicle)
     limits = {name: (bounds[name].minimum, bounds[name].maximum) for name in rows if name in bounds}
-    inside = [n for n, (low, high) in limits.items() if low < rows[n].prior < high]
+    inside = [n for n, (lowest, highest) in limits.items() if lowest < rows[n].prior < highest]
     at_bound = [n for n in inside if not limits[n][0] < rows[n].posterior < limits[n][1]]
     farthest = max(sigmas, key=lambda name: (name in at_bound, abs(sigmas[name])))
     if farthest not in at_bound and abs(sigmas[farthest]) <= _PLAUSIBLE_SIGMAS:
@@ -281,8 +281,8 @@ def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
     section_names = ("vehicle", "car", "analysis", "channels", "csv", "mcap", "can")
-    stated = {name: keys for name in section_names if (keys := calibrated_tree.get(name))}
-    return {name: keys for name, keys in stated.items() if keys != default_tree.get(name)}
+    stated_tables = {name: keys for name in section_names if (keys := calibrated_tree.get(name))}
+    return {name: keys for name, keys in stated_tables.items() if keys != default_tree.get(name)}
 
 
 def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:

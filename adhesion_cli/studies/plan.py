@@ -33,8 +33,8 @@ _STANDARDS = {  # published limits by name; those of the TSI with 250 for units 
     for name, longest_response in (("TSI LOC&PAS", 5.0), ("TSI LOC&PAS 250", 3.0))
 } | {
     "StrabVO": tuple(  # emergency brakings of trams
-        GroupLimit("mean_deceleration", None, least, "StrabVO (Austria), annex 1", speed=speed)
-        for speed, least in _STRABVO.items()
+        GroupLimit("mean_deceleration", None, bound, "StrabVO (Austria), annex 1", speed=speed)
+        for speed, bound in _STRABVO.items()
     )
 }
 _HINT = 'a plan is TOML: [group.NAME] logs = ["FILE.csv"]; `adhesion stops --help` shows more'

@@ -45,12 +45,12 @@ def _integrated(axles: list[AxleChannels], a: Channel) -> tuple[list[AxleChannel
         unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
         return axles, [unused]
     integrated_axles, highest = [], 0.0
-    late = Parameter(0.0, acceleration.FILTER_DELAY_SIGMA)
+    filter_delay = Parameter(0.0, acceleration.FILTER_DELAY_SIGMA)
     for x in axles:
         speed, sigma = v.interpolate(x.record.t)
         highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
         record = replace(x.record, train_speed=speed, train_speed_sigma=sigma)
-        integrated_axles.append(x._replace(record=replace(record, train_speed_late=late)))
+        integrated_axles.append(x._replace(record=replace(record, train_speed_late=filter_delay)))
     values = {
         "sigma_mps": highest,
         "bias_low_mps2": float(v.bias.min()),

@@ -344,8 +344,8 @@ def _start(s: _ClockSamples, v: Floats) -> Floats:
     upper = np.minimum(lower + 1, np.maximum(count - 1, 0)[..., None])
     edges = (np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper))
     ratio_below, ratio_above = edges
-    between = (place - lower[..., 0]) * (ratio_above - ratio_below)
-    c = np.where(count > 0, ratio_below + between - 1.0, 0.0)
+    ratio_step = (place - lower[..., 0]) * (ratio_above - ratio_below)
+    c = np.where(count > 0, ratio_below + ratio_step - 1.0, 0.0)
     x = np.append(c, np.full((len(v), 1), s.creepage[0]), axis=-1)
     inside: Floats = np.clip(x, -3.0 * _WORN, 3.0 * _WORN)
     return inside

@@ -141,19 +141,21 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
         return AS_STATED._replace(pieces=pieces)
     both_starts = _start_points(d, both_prior)
     free_fit = search([d], [d.size], both_prior, both_starts)
-    left = residual(d, free_fit.mean, np.zeros(len(d.size)))
-    counts = independent_samples(d, without_slope(d, left))
-    stated = search([d], [counts], stated_prior, _start_points(d, stated_prior))
-    delayed, line = (
-        _best(d, counts, prior, _start_points(d, prior), [stated])
+    residuals = residual(d, free_fit.mean, np.zeros(len(d.size)))
+    counts = independent_samples(d, without_slope(d, residuals))
+    stated_fit = search([d], [counts], stated_prior, _start_points(d, stated_prior))
+    delayed_fit, line_fit = (
+        _best(d, counts, prior, _start_points(d, prior), [stated_fit])
         for prior in (delay_prior, force_prior)
     )
-    both = _best(d, counts, both_prior, [*both_starts, free_fit.mean], [stated, delayed, line])
-    fits = stated, delayed, line, both
+    joint_fit = _best(
+        d, counts, both_prior, [*both_starts, free_fit.mean], [stated_fit, delayed_fit, line_fit]
+    )
+    fits = stated_fit, delayed_fit, line_fit, joint_fit
     explanation = _judge(d, fits, counts, vehicle, clear_gain)._replace(pieces=pieces)
     value, sigma = near_fit.posterior().delay
-    is_shown = abs(value) < longitudinal.EARLY and sigma < longitudinal.EARLY
-    if not explanation.pressure_delay.value and is_shown:  # it may be that, or none
+    is_small_delay = abs(value) < longitudinal.EARLY and sigma < longitudinal.EARLY
+    if not explanation.pressure_delay.value and is_small_delay:  # it may be that, or none
         unknown = Parameter(0.0, math.hypot(value / math.sqrt(3.0), sigma))
         explanation = explanation._replace(pressure_delay=unknown)
     return explanation
@@ -192,42 +194,42 @@ def _judge(
 
     `counts` are the independent samples of each piece (p,).
     """
-    stated, delayed, line, both = fits
-    single_cost = min(delayed.cost, line.cost)
+    stated_fit, delayed_fit, line_fit, joint_fit = fits
+    single_cost = min(delayed_fit.cost, line_fit.cost)
     squares = mean_square(d, without_slope(d, d.v))  # of gradients alone
     cost_without_brake = float(counts @ np.log(squares + d.floor**2))
-    simplest_cost = min(stated.cost, cost_without_brake)
-    if min(single_cost, both.cost) > simplest_cost - clear_gain:
+    simplest_cost = min(stated_fit.cost, cost_without_brake)
+    if min(single_cost, joint_fit.cost) > simplest_cost - clear_gain:
         return AS_STATED
-    needs_both = both.cost < single_cost - clear_gain
-    if needs_both:
-        delayed = line = both
-    value, sigma = delayed.posterior().delay
+    needs_two_causes = joint_fit.cost < single_cost - clear_gain
+    if needs_two_causes:
+        delayed_fit = line_fit = joint_fit
+    value, sigma = delayed_fit.posterior().delay
     delay = Parameter(value, math.hypot(sigma, _delay_by_line(d)))
-    s, o = math.exp(line.mean[SCALE]), float(line.mean[OFFSET])
+    s, o = math.exp(line_fit.mean[SCALE]), float(line_fit.mean[OFFSET])
     is_delayed = abs(delay.value) > max(
         _LEAST_DELAY, _INTERVAL_SHARE * d.interval, _SURE_SIGMAS * delay.tolerance
     )
     line_differs = _line_differs(s, o, d.top, vehicle)
-    if not needs_both:
+    if not needs_two_causes:
         # One cause is as likely and within what is stated: then the other one is in doubt.
-        if abs(delayed.cost - line.cost) < EQUAL_GAIN:
+        if abs(delayed_fit.cost - line_fit.cost) < EQUAL_GAIN:
             is_delayed = line_differs = is_delayed and line_differs
-        elif delayed.cost < line.cost:
+        elif delayed_fit.cost < line_fit.cost:
             line_differs = False
         else:
             is_delayed = False
     # Where all wheels slide from the first moment on, they slow harder than by their brakes.
     may_slide = not d.shows_slides and s > 1.0 and math.sqrt(d.v @ d.v / len(d.v)) < _LITTLE_SPEED
     is_no_line = line_differs and (may_slide or not 1.0 / _ANY_FACTOR < s < _ANY_FACTOR)
-    x = min(delayed, line, key=lambda fit: fit.cost).mean
+    x = min(delayed_fit, line_fit, key=lambda fit: fit.cost).mean
     squares_left = np.maximum(mean_square(d, residual(d, x, x[SHARED:])) - d.floor**2, 0.0)
     if is_no_line or counts @ squares_left / (counts @ squares) > _LARGEST_RESIDUAL:
         return AS_STATED
     return Explanation(
         delay if is_delayed else AS_STATED.pressure_delay,
         OtherForceLine(s, o * d.top, s * (1.0 - o)) if line_differs else None,
-        is_delayed and line_differs and not needs_both,
+        is_delayed and line_differs and not needs_two_causes,
     )
 
 

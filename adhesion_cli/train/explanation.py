@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..core.model import Floats, Parameter
 
-_NONE, _NO_PLACES = np.empty(0), np.empty(0, np.int64)
+_EMPTY, _NO_PLACES = np.empty(0), np.empty(0, np.int64)
 
 
 class OtherForceLine(NamedTuple):
@@ -50,12 +50,12 @@ class Design(NamedTuple):
     motor_sigma: Floats  # 1 sigma of it, one error of all samples, (n,) [m/s²]
     # by the pieces, see `pieces`
     piece_start: NDArray[np.int64] = _NO_PLACES  # of its first sample in `samples`, (p,)
-    size: Floats = _NONE  # how many each has, (p,)
-    time: Floats = _NONE  # from the piece's middle, (m,) [s]
-    bend: Floats = _NONE  # t² of its piece without a straight line, of unit length; 0 without γ
-    v: Floats = _NONE  # speed without α and γ (m,) [m/s]
-    speed: Floats = _NONE  # that itself, smooth (m,) [m/s]
-    squared: Floats = _NONE  # ∫u² dt without α and γ (m,) [m²/s]
+    size: Floats = _EMPTY  # how many each has, (p,)
+    time: Floats = _EMPTY  # from the piece's middle, (m,) [s]
+    bend: Floats = _EMPTY  # t² of its piece without a straight line, of unit length; 0 without γ
+    v: Floats = _EMPTY  # speed without α and γ (m,) [m/s]
+    speed: Floats = _EMPTY  # that itself, smooth (m,) [m/s]
+    squared: Floats = _EMPTY  # ∫u² dt without α and γ (m,) [m²/s]
 
 
 class Explanation(NamedTuple):

@@ -368,14 +368,14 @@ def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
         u, finite = (record.t[s] - start_ns) / 1e9, np.isfinite(x[s])
         if finite.sum() < 2:
             continue
-        known, y = u[finite], x[s][finite]
-        inside = (t >= known[0]) & (t <= known[-1])
-        ends = t[inside] - half_step, t[inside] + half_step
-        left, right = (np.clip(x, known[0], known[-1]) for x in ends)
-        area = running_integral(known, y)
-        gained = np.interp(right, known, area) - np.interp(left, known, area)
+        known_t, y = u[finite], x[s][finite]
+        inside = (t >= known_t[0]) & (t <= known_t[-1])
+        edges = t[inside] - half_step, t[inside] + half_step
+        window_starts, window_stops = (np.clip(x, known_t[0], known_t[-1]) for x in edges)
+        area = running_integral(known_t, y)
+        gained = np.interp(window_stops, known_t, area) - np.interp(window_starts, known_t, area)
         bridged = np.interp(t[inside], u, finite) < 0.5  # no gap is bridged
-        means[inside] = np.where(bridged, np.nan, gained / (right - left))
+        means[inside] = np.where(bridged, np.nan, gained / (window_stops - window_starts))
     return means
 
 

@@ -104,8 +104,8 @@ def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> V
     stated_mean = _at_speed(stated_mean, identified.friction_speed.value)
     if not vehicle.axles:
         return _move_axle(vehicle, stated_mean, identified)
-    moved = (_move_axle(a.vehicle, stated_mean, identified) for a in vehicle.axles)
-    pairs = zip(vehicle.axles, moved, strict=True)
+    moved_vehicles = (_move_axle(a.vehicle, stated_mean, identified) for a in vehicle.axles)
+    pairs = zip(vehicle.axles, moved_vehicles, strict=True)
     return vehicle_of_axles([axle._replace(vehicle=v) for axle, v in pairs])
 
 

@@ -55,8 +55,8 @@ def build_design(
     w = wheelset(vehicle, axles[0].record.axle)
     c = share * float(braked(top, w)) * float(fade_share(mean, vehicle))
     # What straight lines through samples so far apart miss of ∫K dt, by a kink half way.
-    earlier, later = (np.interp(t + x, t, braking) for x in (-interval, interval))
-    missed = interval * float(np.max(np.abs(earlier - 2.0 * braking + later))) / 8.0
+    earlier_braking, later_braking = (np.interp(t + x, t, braking) for x in (-interval, interval))
+    missed = interval * float(np.max(np.abs(earlier_braking - 2.0 * braking + later_braking))) / 8.0
     floor = math.hypot(FLOOR, rounding, c * missed)
     by_motors, motor_sigma = motor_deceleration(fine_grid, vehicle, axles, share)
     floor = math.hypot(floor, DELAY_SIGMA * float(np.max(np.abs(by_motors), initial=0.0)))

@@ -47,11 +47,11 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     first_axles: dict[str, int] = {}  # a channel may serve several axles
     for i, a in enumerate(s.axles):
         first_axles.setdefault(a.brake.title, i)
-    rests = [(i, rest) for i in first_axles.values() if (rest := _released_brake(p, s, i))]
-    for i, rest in rests:
-        other_levels = [other_rest.level for j, other_rest in rests if j != i]
-        yield from _offset(p, s, i, rest, other_levels)
-        yield from _drift(p, s, i, rest.top)
+    brakes = [(i, brake) for i in first_axles.values() if (brake := _released_brake(p, s, i))]
+    for i, brake in brakes:
+        other_levels = [other_brake.level for j, other_brake in brakes if j != i]
+        yield from _offset(p, s, i, brake, other_levels)
+        yield from _drift(p, s, i, brake.top)
 
 
 def _released_brake(p: Params, s: Scene, i: int) -> _Rest | None:

@@ -51,8 +51,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         difference = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
         allowed = p.apart * reference + p.apart_floor + delay_error
         braked = np.isfinite(g.braking)  # not driven
-        leaves = (difference > allowed) & braked | (difference < -allowed) & released
-        mask = long_runs(leaves, p.lasts, g)
+        departs = (difference > allowed) & braked | (difference < -allowed) & released
+        mask = long_runs(departs, p.lasts, g)
         if mask.any():
             shares = difference[mask] / reference[mask]
             share = float(np.median(shares))

@@ -168,9 +168,9 @@ class Clock:
     def in_digits(self, name: str, example: str) -> "Clock":
         """The clock of a column whose digits, HHMMSS, are read as a number of seconds."""
         reason = f"column {name!r}; time of day in digits, HHMMSS"
-        others = (f for f in self.findings if f.code != "time-unit-guessed")
+        other_findings = (f for f in self.findings if f.code != "time-unit-guessed")
         digits = Finding("time-digits", "info", name, names={"example": example})
-        return replace(self, reason=reason, findings=(*others, digits))
+        return replace(self, reason=reason, findings=(*other_findings, digits))
 
     @property
     def may_be_digits(self) -> bool:

@@ -79,8 +79,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     }
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
-    own_lines = next(ends, 0)  # of an LVM file's own header, which the segment's follows
+    header_ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
+    own_lines = next(header_ends, 0)  # of an LVM file's own header, which the segment's follows
     proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
     removals = _clean(data, units, any(map(_MARKED.search, texts)), proven_mark)
     _refuse_grouped(data, names, decimal, options, path)

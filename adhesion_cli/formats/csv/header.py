@@ -130,10 +130,10 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     columns = [*zip(*table.of_width(begin), strict=True)]
     for line, cells in table.rows[:begin]:
         kind = label(cells[0]) if len(cells) == table.width else ""
-        stated = [k for k, cell in enumerate(cells) if number_of(cell) not in (None, 1.0)]
+        number_cells = [k for k, cell in enumerate(cells) if number_of(cell) not in (None, 1.0)]
         if kind == "resolution":  # of counts; others have it
-            stated = [k for k in stated if all(map(str.isdecimal, columns[k]))]
-        if kind in ("factors", "resolution") and stated:
+            number_cells = [k for k in number_cells if all(map(str.isdecimal, columns[k]))]
+        if kind in ("factors", "resolution") and number_cells:
             text = f"{table.path}: line {line} states factors ({cells[0]!r}), and not whether the "
             hint = "multiply the numbers, and delete the line; or delete it, and state units with "
             hint += 'factors, as `--set "channels.pressure.unit=0.01 bar"`'

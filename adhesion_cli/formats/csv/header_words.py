@@ -106,11 +106,11 @@ def unit_of(text: str) -> units.Unit | None:
 
 def interval_s(kind: str | None, number: float, texts: Iterable[str]) -> float:
     """Seconds between samples by a label's kind, its number and texts of its unit; 0 for none."""
-    stated = [unit for unit in map(unit_of, texts) if unit]
+    stated_units = [unit for unit in map(unit_of, texts) if unit]
     dimension = {"interval": "time", "rate": "pulse rate"}.get(kind or "")
-    if not dimension or number <= 0.0 or any(x.dimension != dimension for x in stated):
+    if not dimension or number <= 0.0 or any(x.dimension != dimension for x in stated_units):
         return 0.0
-    number *= stated[0].factor if stated else 1.0
+    number *= stated_units[0].factor if stated_units else 1.0
     return number if kind == "interval" else 1.0 / number
 
 

@@ -35,12 +35,12 @@ _MARKS |= {"utf-16-le": codecs.BOM_UTF16_LE, "utf-16-be": codecs.BOM_UTF16_BE}
 Line = tuple[int, str]  # number, from 1, and text
 # Shift-JIS: kana and kanji that no European text has as two bytes, then any kanji. Two neighbours
 # are a word; one alone may be a dash, an apostrophe or a per mille sign of cp1252 and what follows.
-_OWN = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
+_JAPANESE_LETTER = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
 _ANY = rb"(?:\x81\x5b|\x82[\x9f-\xf1]|[\x83\x88-\x9f][\x40-\x7e\x80-\xfc])"
-_JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
+_JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_JAPANESE_LETTER, _ANY, _ANY, _JAPANESE_LETTER))
 
 # Words for pressure, speed and wheel by which a codec is known, and the first codec that has them.
-_WORDS = {
+_LANGUAGE_WORDS = {
     "cp1250": "ciśni prędko koła kołow tlak nyomás presiun",
     "cp852": "ciśni prędko koła kołow nyomás",
     "cp1251": "давлен скорост тиск швидк ось км/ч",
@@ -88,19 +88,19 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         return "utf-8", "only ASCII in the head"
     if _decodes(head, "utf-8"):
         return "utf-8", "the head decodes"
-    for codec, known_words in _WORDS.items():
+    for codec, stems in _LANGUAGE_WORDS.items():
         # bytes have no letters beyond ASCII, so each word is looked for in three forms
-        spellings = (f(x) for x in known_words.split() for f in (str.lower, str.upper, str.title))
+        spellings = (f(x) for x in stems.split() for f in (str.lower, str.upper, str.title))
         if any(spelling.encode(codec) in head for spelling in spellings):
             return codec, "not UTF-8; words of its languages"
     high_bytes = len(re.findall(rb"[\x80-\xff]", head))
     # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
     pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
-    is_sure = pairs > 0.9 * high_bytes and high_bytes > 50
-    if pairs > 0.5 * high_bytes and (is_sure or _decodes(head, "gb18030")):
+    has_many_pairs = pairs > 0.9 * high_bytes and high_bytes > 50
+    if pairs > 0.5 * high_bytes and (has_many_pairs or _decodes(head, "gb18030")):
         return "gb18030", "not UTF-8; high bytes come in pairs"
-    in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
-    if 2 * in_words > high_bytes and _decodes(head, "cp932"):
+    japanese_bytes = sum(map(len, _JAPANESE.findall(head)))  # bytes
+    if 2 * japanese_bytes > high_bytes and _decodes(head, "cp932"):
         return "cp932", "not UTF-8; words of Shift-JIS"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
@@ -177,7 +177,7 @@ def line_too_long(line: int, path: Path) -> UserError:
 
 _BLOCK = 1 << 18  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
-_SHOWN = 100_000  # bytes of a line that are looked at by itself
+_EXAMINED_BYTES = 100_000  # bytes of a line that are looked at by itself
 # What packed files begin with, and who unpacks them.
 _UNPACKERS: dict[bytes, Any] = {b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file)}
 _UNPACKERS |= {b"\xfd7zXZ\0": lzma.LZMAFile, b"BZh": bz2.BZ2File}
@@ -200,7 +200,7 @@ class LineBlock:
     def text(self, line: int) -> str:
         """The begin of a line, by its number in the block from 0."""
         start = int(self.ends[line - 1]) + 1 if line else 0
-        stop = min(int(self.ends[line]), start + _SHOWN)
+        stop = min(int(self.ends[line]), start + _EXAMINED_BYTES)
         return self.data[start:stop].decode("utf-8", "replace")
 
 

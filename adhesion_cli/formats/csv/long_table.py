@@ -174,8 +174,8 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
         counts = Counter(cells)
         changes = sum(a != b for a, b in pairwise(cells)) >= 0.3 * len(cells)
         is_repeated = 2 <= len(counts) <= 32 and min(counts.values()) >= 3
-        is_short = all(re.fullmatch(r"\w{1,16}", c) for c in counts)
-        if i in time or not (is_repeated and changes and is_short):
+        are_identifiers = all(re.fullmatch(r"\w{1,16}", c) for c in counts)
+        if i in time or not (is_repeated and changes and are_identifiers):
             continue
         key = np.array(cells)
         smooth = []

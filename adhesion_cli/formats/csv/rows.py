@@ -129,8 +129,8 @@ class Losses:
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
         """What was left out; `t` are the times of rows that are used [ns], `start` the log's."""
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
-            is_below = kind == "time unreadable" and min(map(np.min, loss.places)) == len(t)
-            if is_below and _RESULT.match(loss.text):  # below the samples
+            is_below_samples = kind == "time unreadable" and min(map(np.min, loss.places)) == len(t)
+            if is_below_samples and _RESULT.match(loss.text):  # below the samples
                 self.lines["statistics"] += loss.count
                 continue
             spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
@@ -162,13 +162,13 @@ def _first_group(value: Floats) -> int:
     if not has_fraction.any():
         return 0
     thousands = np.where(has_fraction, 1e3 * numbers, numbers)
-    whole_numbers, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
-    is_group = 1e3 < parts.min() <= parts.max() < 1e6
+    whole_numbers, groups = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
+    is_group = 1e3 < groups.min() <= groups.max() < 1e6
     if not is_group or not 100.0 <= whole_numbers.max(initial=0.0) < 1e3:
         return 0
     has_jump = largest_jump(numbers) > largest_jump(thousands)
-    is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())
-    return int(np.argmax(has_fraction)) if is_whole and has_jump else 0
+    are_integers = bool((np.abs(groups - np.rint(groups)) < 1e-6).all())
+    return int(np.argmax(has_fraction)) if are_integers and has_jump else 0
 
 
 def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:
@@ -178,9 +178,9 @@ def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Sp
     first_place, last_place = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
     begins = t[np.maximum(first_place - between_rows, 0)]
     stops = t[np.minimum(last_place, len(t) - 1)]
-    apart = begins[1:] - stops[:-1]
-    if len(apart) >= _MOST_SPANS:  # what is regular is one stretch, whose ends are said
-        cuts = np.flatnonzero(apart > np.sort(apart)[-_MOST_SPANS])
+    gaps = begins[1:] - stops[:-1]
+    if len(gaps) >= _MOST_SPANS:  # what is regular is one stretch, whose ends are said
+        cuts = np.flatnonzero(gaps > np.sort(gaps)[-_MOST_SPANS])
         begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
     bounds = np.sort([begins, stops], axis=0)  # a clock may have gone back
     return spans_of(bounds[0], bounds[1], start)
@@ -240,8 +240,8 @@ def read_rows(
             rows_above = int(np.searchsorted(row_lines, line))
             above = int(row_lines[rows_above - 1]) + 1 if rows_above else 0
             lines_above = range(max(above, line - _MOST_ABOVE), line + 1)
-            stated = map(parsed.block.text, lines_above)
-            segments[row_count + rows_above] = stamps_in([*stated], table.dialect.delimiter)
+            lines_in_order = map(parsed.block.text, lines_above)
+            segments[row_count + rows_above] = stamps_in([*lines_in_order], table.dialect.delimiter)
         numbers = {i: _numbers_of(parsed, i, timed, words[i]) for i in texts}
         rows.losses.add(parsed, timed, row_count)
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():

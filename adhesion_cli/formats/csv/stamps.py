@@ -202,8 +202,8 @@ def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
     half_day = pc.utf8_lower(groups.text("p"))
     said = np.asarray(pc.not_equal(half_day, ""))
     ok = ~said | ((hour >= 1) & (hour <= 12))
-    is_later = np.asarray(pc.is_in(half_day, pa.array(["p", "下", "오후"])))
-    hour = np.where(said, hour % 12 + 12 * is_later, hour)
+    is_after_noon = np.asarray(pc.is_in(half_day, pa.array(["p", "下", "오후"])))
+    hour = np.where(said, hour % 12 + 12 * is_after_noon, hour)
     ok &= ("y" not in groups.names) | (hour < 24)
     ok &= ("H" not in groups.names) | (minute < 60)
     ok &= ("M" not in groups.names) | (second <= 60)
@@ -226,6 +226,6 @@ def _days(groups: _Groups) -> tuple[NDArray[np.int64], Bools]:
     ok &= (month >= 1) & (month <= 12) & (day >= 1)
     begin = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
     days = begin.astype("datetime64[D]") + np.where(ok, day - 1, 0)
-    own, named = (x.astype(f"datetime64[{unit}]") for x in (days, begin))
-    ok &= own == named  # no 31 February
+    own_period, named = (x.astype(f"datetime64[{unit}]") for x in (days, begin))
+    ok &= own_period == named  # no 31 February
     return days.astype(np.int64), ok

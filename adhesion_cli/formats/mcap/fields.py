@@ -298,10 +298,10 @@ class Stamp:
 
     def first_time(self, tree: Tree) -> int:
         """The stamp of one message [ns], 0 where it has none."""
-        parts = [node_at(tree, steps) for steps in self.places]
+        stamp_parts = [node_at(tree, steps) for steps in self.places]
         if self.text:
-            parts = [microseconds(text) for text in parts]
-        values = [[float(v)] if is_number(v) else [np.nan] for v in parts]
+            stamp_parts = [microseconds(text) for text in stamp_parts]
+        values = [[float(v)] if is_number(v) else [np.nan] for v in stamp_parts]
         return int(self.times(np.array(values))[0][0])
 
 

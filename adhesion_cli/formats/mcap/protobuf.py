@@ -61,7 +61,7 @@ class ProtobufDecoder(Decoder):
             return list(map(attrgetter(step), nodes))
         has_field = (x is not None and (not has_presence or x.HasField(step)) for x in nodes)
         pairs = zip(nodes, has_field, strict=True)
-        return [getattr(node, step) if is_there else None for node, is_there in pairs]
+        return [getattr(node, step) if has_value else None for node, has_value in pairs]
 
     def faults(self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Places) -> Faults:
         """See Decoder."""
@@ -150,7 +150,7 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
         value = getattr(message, f.name)
-        is_shown = f.message_type not in ancestors and len(ancestors) < DEEPEST
+        is_expandable = f.message_type not in ancestors and len(ancestors) < DEEPEST
         if _is_map(f):
             tree[f.name] = Opaque("a map")
         elif f.type == F.TYPE_BYTES:
@@ -163,7 +163,7 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
                 tree[f.name] = list(elements)
         elif f.type not in _MESSAGES:
             tree[f.name] = value
-        elif message.HasField(f.name) or is_shown:
+        elif message.HasField(f.name) or is_expandable:
             tree[f.name] = _tree(value, (*ancestors, f.message_type), budget)
         else:
             reason = "holds itself" if f.message_type in ancestors else "too deep"

@@ -45,14 +45,14 @@ def deal(
     leaf = Leaf(series.owner_at, words=names)
     owners = Decoded(series.decoder, series.tree, [leaf], None, len(records.start))
     owners.fill(0, records.data, records.start, records.stop)
-    words = number_words(owners.words.get(series.owner_at, []), ())
-    number_of = {x: words.get(x.strip(), -1) if isinstance(x, str) else x for x in series.owners}
+    codes = number_words(owners.words.get(series.owner_at, []), ())
+    number_of = {x: codes.get(x.strip(), -1) if isinstance(x, str) else x for x in series.owners}
     numbers = owners.values[0]
     for collector in collectors:
-        is_own = numbers == number_of[collector.series.owner]
+        is_of_owner = numbers == number_of[collector.series.owner]
         if collector.series.owner == series.owners[0]:
-            is_own |= ~np.isin(numbers, list(number_of.values()))
-        yield collector, records.select(np.flatnonzero(is_own))
+            is_of_owner |= ~np.isin(numbers, list(number_of.values()))
+        yield collector, records.select(np.flatnonzero(is_of_owner))
 
 
 class Collector:
@@ -137,11 +137,11 @@ class Collector:
 
     def _column(self, leaf: Leaf, value: Floats, t: Times) -> Column:
         """One column; the numbers of an enum count its names."""
-        words = tuple(self._decoded.words.get(leaf.steps, leaf.words))
+        enum_names = tuple(self._decoded.words.get(leaf.steps, leaf.words))
         if leaf.numbers:
             is_number = value[:, None] == np.array(leaf.numbers)
             value = np.where(is_number.any(axis=1), is_number.argmax(axis=1), np.nan)
-        return Column(t, value, np.isfinite(value), words)
+        return Column(t, value, np.isfinite(value), enum_names)
 
 
 _DAY = 86_400 * 10**9
@@ -287,8 +287,8 @@ class McapSource(Source):
             order = np.argsort(topic, kind="stable")
             for rows in np.split(order, np.flatnonzero(np.diff(topic[order])) + 1):
                 if len(rows) and topic[rows[0]] >= 0:
-                    for collector, own in deal(topics[topic[rows[0]]], records.select(rows)):
-                        collector.take(own, block.offset)
+                    for collector, batch in deal(topics[topic[rows[0]]], records.select(rows)):
+                        collector.take(batch, block.offset)
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:

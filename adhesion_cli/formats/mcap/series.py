@@ -59,8 +59,8 @@ def grouped(walk: Walk) -> list[Series]:
             (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
             tuple(sorted(pair for pair in channel.metadata.items() if fields.states_unit(pair[0]))),
         )
-        new = Series(channel.topic, channel.message_encoding, schema, channel.metadata)
-        series = by_key.setdefault(key, new)
+        new_series = Series(channel.topic, channel.message_encoding, schema, channel.metadata)
+        series = by_key.setdefault(key, new_series)
         series.schema_id = channel.schema_id
         series.ids.append(channel.id)
         series.rows += walk.counts[channel.id]
@@ -91,33 +91,33 @@ def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iter
         trees: list[Tree] = []
         if s.rows:
             yield from _look(s, trees, decoders, options)
-        parts = _parts(s, trees, owners) if trees else []
-        for part, its_trees in parts:
+        owned_series = _by_owner(s, trees, owners) if trees else []
+        for part, its_trees in owned_series:
             part.tree = fields.typical(its_trees)
             assert part.decoder is not None
             yield from _offer(part, part.decoder, its_trees)
             _find_stamp(part, its_trees)
             part.heads = []
-        discovered += [part for part, _ in parts] or [s]
+        discovered += [part for part, _ in owned_series] or [s]
     series[:] = discovered
 
 
-def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, list[Tree]]]:
+def _by_owner(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, list[Tree]]]:
     """The series of each owner with its first messages; the series itself where it has none."""
-    place, known = owners.get(s.topic, (fields.owner_of(trees), ()))
-    trees_of: dict[Tree, list[Tree]] = {owner: [] for owner in known}
+    place, known_owners = owners.get(s.topic, (fields.owner_of(trees), ()))
+    trees_of: dict[Tree, list[Tree]] = {owner: [] for owner in known_owners}
     for tree in trees if place else ():
         if fields.is_label(owner := node_at(tree, place)):
             trees_of.setdefault(owner, []).append(tree)
     if not 1 < len(trees_of) <= MOST_WORDS:
         return [(s, trees)]
     owners[s.topic] = place, tuple(trees_of)
-    parts = []
+    owned_series = []
     for owner, its_trees in trees_of.items():
         group = f"{s.group} {fields.label_of(place, owner)}".strip()
-        part = replace(s, owner=owner, owners=tuple(trees_of), owner_at=place, group=group)
-        parts += [(replace(part, fields={}, texts={}), its_trees)] if its_trees else []
-    return parts
+        series = replace(s, owner=owner, owners=tuple(trees_of), owner_at=place, group=group)
+        owned_series += [(replace(series, fields={}, texts={}), its_trees)] if its_trees else []
+    return owned_series
 
 
 def _look(

@@ -34,8 +34,8 @@ class FirstMessages:
 
     def add(self, records: Records) -> None:
         """Keeps messages of a block, of channels that are not full."""
-        new = records.select(np.flatnonzero(~np.isin(records.channel, list(self.full))))
-        columns = (new.channel, new.log_time, new.start, new.stop)
+        selection = records.select(np.flatnonzero(~np.isin(records.channel, list(self.full))))
+        columns = (selection.channel, selection.log_time, selection.start, selection.stop)
         for channel, time, start, stop in zip(*(x.tolist() for x in columns), strict=True):
             if channel in self.full:
                 continue

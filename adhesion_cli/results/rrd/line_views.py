@@ -47,12 +47,12 @@ def find_bars(result: Result, route: Route, slides: Mapping[int, Sequence[Slide]
     position, mu = np.concatenate(positions), np.concatenate(coefficients)
     has_place = np.isfinite(position) & np.isfinite(mu)
     position, mu, slides_at = position[has_place], mu[has_place], np.concatenate(slid)
-    way = _bar_way(float(np.ptp(position)) if len(position) else 0.0)
-    bins, place = np.unique(np.floor(position / way), return_inverse=True)
+    bar_length = _bar_way(float(np.ptp(position)) if len(position) else 0.0)
+    bins, place = np.unique(np.floor(position / bar_length), return_inverse=True)
     counts = np.bincount(place, minlength=len(bins))
     mean = np.bincount(place, mu, len(bins)) / np.maximum(counts, 1)
-    slid_bins = np.unique(np.floor(slides_at[np.isfinite(slides_at)] / way))
-    return LineBars(way, (bins + 0.5) * way, mean, np.isin(bins, slid_bins))
+    slid_bins = np.unique(np.floor(slides_at[np.isfinite(slides_at)] / bar_length))
+    return LineBars(bar_length, (bins + 0.5) * bar_length, mean, np.isin(bins, slid_bins))
 
 
 def send_chart(rec: rr.RecordingStream, path: str, bars: LineBars) -> None:
@@ -87,7 +87,7 @@ def _bar_way(length: float) -> float:
     return next(x * power for x in _ROUND if x * power >= least_width * (1.0 - 1e-9))
 
 
-_TEXT, _WAY = 0xD0D0D0FF, 0x8A8A8AFF
+_TEXT, _WAY_COLOUR = 0xD0D0D0FF, 0x8A8A8AFF
 
 
 def send_map(
@@ -106,8 +106,8 @@ def send_map(
         return scale * np.stack([east, -north], axis=-1)
 
     step = max(1, -(-len(points) // _POINTS))
-    way = [on_map(line[::step]) for line in lines]
-    rec.log(f"{path}/way", rr.LineStrips2D(way, colors=_WAY, radii=0.25), static=True)
+    way_lines = [on_map(line[::step]) for line in lines]
+    rec.log(f"{path}/way", rr.LineStrips2D(way_lines, colors=_WAY_COLOUR, radii=0.25), static=True)
     slid = []
     for x in slides:
         t = x.start + np.linspace(0.0, 1e9 * x.duration, _SLIDE_POINTS).astype(np.int64)
@@ -123,20 +123,20 @@ def send_map(
         )
         rec.log(f"{path}/kilometres", labels, static=True)
     t, places = route.coordinates[:2]
-    shown = slice(None, None, max(1, -(-len(t) // _POINTS)))
-    now = rr.Points2D.from_fields(radii=1.2, colors=palette.rgba(palette.WHITE), draw_order=60.0)
-    rec.log(f"{path}/now", now, static=True)
-    moving = rr.Points2D.columns(positions=on_map(places[shown]))
-    rec.send_columns(f"{path}/now", times(t[shown]), moving)
+    rows = slice(None, None, max(1, -(-len(t) // _POINTS)))
+    dot = rr.Points2D.from_fields(radii=1.2, colors=palette.rgba(palette.WHITE), draw_order=60.0)
+    rec.log(f"{path}/now", dot, static=True)
+    moving = rr.Points2D.columns(positions=on_map(places[rows]))
+    rec.send_columns(f"{path}/now", times(t[rows]), moving)
     return True
 
 
 def map_view(origin: str) -> rrb.View:
     """The picture that `send_map` sends."""
-    half = _SIZE / 2.0 + _MARGIN
+    extent = _SIZE / 2.0 + _MARGIN
     return rrb.Spatial2DView(
         origin=origin,
         name="Way of the train: red: a wheel slides, white: now",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-half, half], y_range=[-half, half]),
+        visual_bounds=rrb.VisualBounds2D(x_range=[-extent, extent], y_range=[-extent, extent]),
         background=_BACKGROUND,
     )
