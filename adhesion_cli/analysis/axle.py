@@ -37,8 +37,10 @@ def analyze_axle(
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
     applications = brake_applications.find_applications(record)
-    about = record, vehicle, reference, applications, start_ns, settings.stops.locks
-    findings = list(find_axle_findings(*about))
+    locks = settings.stops.locks
+    findings = [
+        *find_axle_findings(record, vehicle, reference, applications, start_ns, limits=locks)
+    ]
     by_method, thresholds = {"the reference": reference.nis, **nis}, settings.checks["noise_model"]
     findings += noise_model.check(thresholds, f"axle {record.axle}", by_method)
     drowned = [s for s in applications if _is_drowned(reference, s)]
@@ -51,8 +53,9 @@ def analyze_axle(
     result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
         return result, findings
-    limits = settings.analysis.slowest, settings.slope, settings.bands
-    result, slip_findings = slip.observe_slip(result, vehicle, *limits)
+    result, slip_findings = slip.observe_slip(
+        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
+    )
     return result, findings + slip_findings
 
 

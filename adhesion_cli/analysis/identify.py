@@ -493,8 +493,9 @@ def _by_line(
     gain = covariance @ g / (g @ covariance @ g + variance)
     covariance = covariance - np.outer(gain, g @ covariance)
     posterior = solve.Posterior(mean, sigmas, mean + gain * error, covariance, 0.0)
-    parts = brake_point, prior, posterior, 1
-    return calibrated_vehicle.calibrate_vehicle(vehicle, record, *parts).vehicle
+    return calibrated_vehicle.calibrate_vehicle(
+        vehicle, record, brake_point, prior, posterior, logs=1
+    ).vehicle
 
 
 def is_wheel_unknown(log: AlignedLog, settings: Settings) -> bool:

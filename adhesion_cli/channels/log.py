@@ -409,9 +409,16 @@ def _log(
         channels.append(channel)
         indexed_findings += ((clock, f) for f in its_findings)
     findings += _joined(indexed_findings)
-    content = tuple(channels), (*source.findings, *findings), source.account
-    origin = str(source.path), source.format, source.digest(), source.absolute, source.rows
-    return Log(*origin, *content)
+    return Log(
+        path=str(source.path),
+        format=source.format,
+        sha256=source.digest(),
+        absolute=source.absolute,
+        rows_read=source.rows,
+        channels=tuple(channels),
+        findings=(*source.findings, *findings),
+        account=source.account,
+    )
 
 
 def _describe_levels(levels: Sequence[str]) -> str:

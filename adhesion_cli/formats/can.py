@@ -150,8 +150,16 @@ class Reader:
         number_of = zip(self._signals, numbers, strict=True)
         texts = {x: replace(number, words=states[x]) for x, number in number_of if states[x]}
         self._all_signals = [*self._signals, *texts]
-        contents = numbers, self._start, time_reason, rows, reasons, findings
-        self.contents = Contents(*contents, [*texts.values()], events)
+        self.contents = Contents(
+            fields=numbers,
+            start_ns=self._start,
+            time_reason=time_reason,
+            rows=rows,
+            reasons=reasons,
+            findings=findings,
+            texts=[*texts.values()],
+            events=events,
+        )
 
     def _read(self, database: _Database, problems: Problems) -> None:
         frames, begin = _open_frames(self._path, problems)

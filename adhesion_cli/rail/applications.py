@@ -48,8 +48,9 @@ def find_applications(
     by_slide = {x.start: place.rail for place in places for x in place.slides}
     radius = vehicle.radius(axle.record.axle).value
     locks = locks_of_axle(axle.record, radius, limits or LockLimits())
-    of_axle = axle.record, vehicle, axle.reference
-    contributions = budget.contributions_by_parameter(*of_axle) if merged else {}
+    contributions: Mapping[str, Floats] = {}
+    if merged:
+        contributions = budget.contributions_by_parameter(axle.record, vehicle, axle.reference)
     about = slides, locks, by_slide, contributions, start_ns, route, peak_time
     return tuple(threads.run_each(lambda parts: _application(context, parts, *about), merged))
 

@@ -89,9 +89,16 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     if rail and len(places) == 1:  # what `analyze` reports of the brake application
         place_rail = places[0].rail
         rail = rail._replace(utilisation=place_rail.utilisation if place_rail else None)
-    delay = None if axle.record.train_speed_made else axle.record.train_speed_late
-    parts = axle.record.axle, shares(axle), axle_slides, rail, _rmse(axle), delay, places
-    return Summary(*parts), findings
+    summary_of_axle = Summary(
+        axle=axle.record.axle,
+        regions=shares(axle),
+        slides=axle_slides,
+        rail=rail,
+        slip_rmse=_rmse(axle),
+        delay=None if axle.record.train_speed_made else axle.record.train_speed_late,
+        places=places,
+    )
+    return summary_of_axle, findings
 
 
 def braked_pieces(axle: AxleResult) -> list[list[slice]]:

@@ -92,6 +92,7 @@ def observe_slip(
         if has_slow_receiver(record):
             finding = replace(finding, code="train-speed-slow", severity="warning")
         findings.append(finding)
-    course = record.segments, record.t, code
-    axle_events = events.axle_events(record.axle, slides(completed), *course)
+    axle_events = events.axle_events(
+        record.axle, slides(completed), record.segments, record.t, code
+    )
     return replace(completed, events=axle_events), findings

@@ -86,8 +86,17 @@ def mean_budget(
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
             unit = {ZERO: "Pa", CREEPAGE: "-"}.get(name) or quantities(Vehicle)[name].unit
-            size = q.tolerance, contribution / q.tolerance, abs(contribution)
-            rows.append(Contribution(name, q.value, unit, "B", *size, share))
+            row = Contribution(
+                quantity=name,
+                value=q.value,
+                unit=unit,
+                type="B",
+                u=q.tolerance,
+                sensitivity=contribution / q.tolerance,
+                contribution_n=abs(contribution),
+                share=share,
+            )
+            rows.append(row)
     rows.sort(key=lambda row: -row.share)
     u = math.sqrt(variance)
     n = freedom(noise, u, samples)

@@ -81,15 +81,24 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     unknown_torque = driven(record, vehicle.radius(record.axle).value)
     for column in (force, sigma, tolerance, mass):
         column[unknown_torque] = np.nan
-    largest = max((share for _, share in ripples), default=0.0)
-    averaged = estimates[0].averaged if estimates else 0.0
-    pulses = count_pulses(max(runs, key=len)) if runs else math.inf
     squares = [estimate.squares for estimate in estimates if estimate.squares is not None]
-    nis = innovations.mean(np.concatenate(squares)) if squares else None
-    lag = max((estimate.pad_lag for estimate in estimates), default=0.0)
-    columns = force, sigma, tolerance, record.saturated, largest, pulses, averaged
-    extras = mass, nis, impulse, clamping, lag, w.phi * record.clamping_force
-    return Reference(method, source, *columns, *extras)
+    return Reference(
+        method=method,
+        source=source,
+        force=force,
+        sigma=sigma,
+        tolerance=tolerance,
+        saturated=record.saturated,
+        runout=max((share for _, share in ripples), default=0.0),
+        pulses=count_pulses(max(runs, key=len)) if runs else math.inf,
+        averaged=estimates[0].averaged if estimates else 0.0,
+        mass=mass,
+        nis=innovations.mean(np.concatenate(squares)) if squares else None,
+        impulse=impulse,
+        clamping=clamping,
+        pad_lag=max((estimate.pad_lag for estimate in estimates), default=0.0),
+        brake=w.phi * record.clamping_force,
+    )
 
 
 def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tuple[Floats, Floats]:
@@ -214,8 +223,9 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     rates = [rate_of_change(*pair, regimes, fitted) for pair in pairs]
     averaged, judged, levels = 0.0, fitted_to, fitted
     if not counts and not lag and not runs[0].pressure_late.value:  # these look alike
-        known = runs, wheel, informative, fitted, regimes, prior
-        averaged, mean_rates, means, noise_of_means = _as_means(*known)
+        averaged, mean_rates, means, noise_of_means = _as_means(
+            runs, wheel, informative, fitted, regimes, prior
+        )
         if mean_rates:
             rate_pairs = zip(rates, mean_rates, strict=True)
             rates = [noise_fit.mix_estimates(*pair, averaged) for pair in rate_pairs]
@@ -229,8 +239,10 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     estimates, runs_of_wheel = [], zip(forces, rates, squares, wheel, clamping, strict=True)
     for (K, sigma), (rate, _), z2, run, c in runs_of_wheel:
         speed_sigma = np.maximum(np.sqrt(variance + run.own_variance), np.abs(_misfit(run, rate)))
-        by_noise = speed_sigma, w.phi * np.hypot(c.sigma, c.missed)
-        estimates.append(RunEstimate(K, rate, sigma, averaged, z2, *by_noise, lag))
+        clamping_sigma = w.phi * np.hypot(c.sigma, c.missed)
+        estimates.append(
+            RunEstimate(K, rate, sigma, averaged, z2, speed_sigma, clamping_sigma, lag)
+        )
     return estimates
 
 
@@ -293,8 +305,9 @@ def _as_means(
     means = [informative_samples(run, mean=True) for run in wheel]
     probability, noise = 0.5, fitted
     if not _sparse(runs):
-        samples = informative, means
-        probability, noise = noise_fit.probability_of_means(*samples, fitted, regimes, prior)
+        probability, noise = noise_fit.probability_of_means(
+            informative, means, fitted, regimes, prior
+        )
     pairs = zip(wheel, means, strict=True) if probability > noise_fit.NEVER else ()
     rates = [rate_of_change(*pair, regimes, noise) for pair in pairs]
     return probability, rates, means, noise
@@ -383,8 +396,9 @@ def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> Unb
     """The run as a rolling wheel: ω̇ known from K except δ."""
     t = seconds_of(run)
     y, own_variance = remove_steps(t, run.wheel_speed, run.wheel_speed_steps)
-    own = {"own_variance": own_variance, "span": np.zeros(len(t))}
-    return UnbrokenRun(t, y - ripple, **_inputs(t, K, w), **own)
+    return UnbrokenRun(
+        t, y - ripple, **_inputs(t, K, w), own_variance=own_variance, span=np.zeros(len(t))
+    )
 
 
 def _inputs(t: Floats, K: Floats, w: Wheelset) -> dict[str, Floats]:

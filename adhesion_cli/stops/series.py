@@ -23,7 +23,7 @@ of twenty groups of sound stops, one has an outlier. Extension and K_wet: SUBSET
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -308,13 +308,23 @@ def _verdict(
     stops: Sequence[SeriesStop], group: Group, limit: GroupLimit, kind: LimitKind, bound: float
 ) -> LimitVerdict:
     members = (s.measured(limit.quantity) for s in stops if s.group == group.name)
-    of_stops = [_decide(x.value, x.u95, kind, bound) for x in members if x]
+    verdicts = [_decide(x.value, x.u95, kind, bound) for x in members if x]
     mean, u95, verdict = None, None, _UNDECIDED
     if x := group.statistics.get(limit.quantity):
         mean, u95, verdict = x.mean, x.u95, _decide(x.mean, x.u95, kind, bound)
-    counts = (of_stops.count(possible) for possible in get_args(Verdict))
-    of_limit = limit.quantity, bound, kind
-    return LimitVerdict(group.name, *of_limit, mean, u95, verdict, limit.source, *counts)
+    return LimitVerdict(
+        group=group.name,
+        quantity=limit.quantity,
+        limit=bound,
+        kind=kind,
+        value=mean,
+        u95=u95,
+        verdict=verdict,
+        source=limit.source,
+        stops_pass=verdicts.count("pass"),
+        stops_fail=verdicts.count("fail"),
+        stops_undecided=verdicts.count(_UNDECIDED),
+    )
 
 
 def _decide(value: float, u95: float, kind: LimitKind, bound: float) -> Verdict:

@@ -41,8 +41,10 @@ def identify_together(
             settings_of_log, log = read_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":
                 loaded, _ = load_vehicle(settings, log)
-                choices = axles, window, settings.checks, settings_of_log.track
-                logs[place] = align_log(log, loaded.vehicle, *choices)
+                track = settings_of_log.track
+                logs[place] = align_log(
+                    log, loaded.vehicle, axles, window, checks=settings.checks, track=track
+                )
         except Exception:  # its own analysis says what is wrong with a log
             continue
     if not logs or len(brake_kinds([*logs.values()])) > 1:

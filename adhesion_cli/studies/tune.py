@@ -113,8 +113,14 @@ def tune(
             f"but {checked.rmse:.4g} N ({checked.default_rmse:.4g} N before) on those held back",
             "keep the parameters, or name more logs that are alike",
         )
-    parameters = default_parameters._asdict(), best._asdict()
-    return Tuned(est, *parameters, tuned, checked, tuple(dict.fromkeys(findings)))
+    return Tuned(
+        estimator=est,
+        default_parameters=default_parameters._asdict(),
+        parameters=best._asdict(),
+        train=tuned,
+        held_back=checked,
+        findings=tuple(dict.fromkeys(findings)),
+    )
 
 
 def rmse(est: Estimator, p: Any, axles: Sequence[TunedAxle]) -> float:

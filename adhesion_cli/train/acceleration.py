@@ -175,8 +175,17 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     compiled.function(_filter)(s, moments)
     compiled.function(_smooth)(s, moments, smoothed)
     v, b, variance = smoothed.T
-    columns = v - gain, np.sqrt(variance), b, sample_t, sign * area
-    return Integrated(t, g.start_ns, *columns, sign, g.step * float(anchored.sum()))
+    return Integrated(
+        t=t,
+        start_ns=g.start_ns,
+        correction=v - gain,
+        sigma=np.sqrt(variance),
+        bias=b,
+        sample_t=sample_t,
+        sample_gain=sign * area,
+        sign=sign,
+        anchored=g.step * float(anchored.sum()),
+    )
 
 
 def _sign(rate: Floats, braked: Bools, unbraked: Bools) -> int:
@@ -224,5 +233,13 @@ def _samples(
         for x, rolls in zip(rim, rolling, strict=True)
     ]
     variance = (_WHEEL_SIGMA**2 + (_CREEP * mean * rim) ** 2) * _CORRELATION_TIME / h
-    wheels = rim / np.array(ratio)[:, None], variance, standstill, level
-    return _AccelerationSamples(h, step_gain, walk, drift, *wheels)
+    return _AccelerationSamples(
+        h=h,
+        gain=step_gain,
+        walk=walk,
+        drift=drift,
+        rim=rim / np.array(ratio)[:, None],
+        variance=variance,
+        standstill=standstill,
+        level=level,
+    )

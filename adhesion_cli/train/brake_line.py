@@ -268,8 +268,12 @@ def _speed_effect(
     if not min(factor_at_low, factor_at_high) > 0.0:
         return None
     sigma = grid.gradient_sigma / math.sqrt(stops) * math.hypot(*(1.0 / x for x, _ in slowing))
-    speeds = float(np.mean(v[is_slow])), float(np.mean(v[is_fast]))
-    return SpeedEffect(factor_at_low / factor_at_high, sigma, *speeds)
+    return SpeedEffect(
+        ratio=factor_at_low / factor_at_high,
+        sigma=sigma,
+        low=float(np.mean(v[is_slow])),
+        high=float(np.mean(v[is_fast])),
+    )
 
 
 def _fit(

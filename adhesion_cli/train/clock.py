@@ -268,12 +268,19 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
         train_slows = np.nan_to_num(-g.train_rate[::stride]) > _SLOWING
     usable = np.isfinite(slowing) & (rim > CRAWL)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
-    by_radius = np.where(usable, rim, 0.0)
-    by_creep = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
-    masks, released = (usable, fast), g.clamping[:, ::stride] <= 0.0
-    noises, gains = (noise, correlated), slowing < -_GAINING
-    creeps = by_radius, by_creep
-    return _ClockSamples(t, rim, released, train_slows, *noises, *masks, *creeps, gains)
+    return _ClockSamples(
+        t=t,
+        rim=rim,
+        released=g.clamping[:, ::stride] <= 0.0,
+        train_slows=train_slows,
+        noise=noise,
+        correlated=correlated,
+        usable=usable,
+        fast=fast,
+        by_radius=np.where(usable, rim, 0.0),
+        by_creep=np.where(usable, rim * np.maximum(slowing, 0.0), 0.0),
+        gains=slowing < -_GAINING,
+    )
 
 
 def _likeliest(

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from itertools import filterfalse
 from pathlib import Path
 
@@ -69,29 +70,51 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
     units, units_reason = _units_row(table, header, labels, used_width)
-    comment = next((m[1] for _, text in lines if (m := dialect.COMMENT.match(text))), "")
-    count = leading_lines.get("preamble")
-    reasons |= {
-        "header": _why_header(table, header, options),
-        "units row": units_reason,
-        "comments": comment and f"lines starting with {comment!r} (seen in the head)",
-        "preamble": f"{count} lines (before the header)" if count else "",
-    }
+    reasons |= {"header": _why_header(table, header, options), "units row": units_reason}
+    reasons |= _reasons_around(lines, leading_lines.get("preamble", 0))
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    header_ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
-    own_lines = next(header_ends, 0)  # of an LVM file's own header, which the segment's follows
     proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
     removals = _clean(data, units, any(map(_MARKED.search, texts)), proven_mark)
     _refuse_grouped(data, names, decimal, options, path)
-    header_cells = tuple(tuple(fit(x, used_width)) for x in header.names)
-    has_remarks = any(len(x) > width and x[width].casefold() in REMARKS for x in header.names)
-    segments = tuple(cells[0] for _, cells in rows_above[own_lines:]) if preamble else ()
-    text_above = tuple(text.strip() for number, text in lines if number < rows[header.top][0])
-    is_headed, first_line = bool(header.names), rows[header.start][0]
-    written = encoding, bom, delimiter, decimal, is_headed, first_line, leading_lines
-    above = {k: x for k, x in reasons.items() if x}, removals, labels, has_remarks, segments
-    return Dialect(width, names, header_cells, tuple(units), data, *written, *above, text_above)
+    return Dialect(
+        width=width,
+        names=names,
+        header_cells=tuple(tuple(fit(x, used_width)) for x in header.names),
+        units=tuple(units),
+        rows=data,
+        encoding=encoding,
+        bom=bom,
+        delimiter=delimiter,
+        decimal=decimal,
+        headed=bool(header.names),
+        first_line=rows[header.start][0],
+        leading_lines=leading_lines,
+        reasons={k: x for k, x in reasons.items() if x},
+        removals=removals,
+        labels=labels,
+        has_remarks=any(len(x) > width and x[width].casefold() in REMARKS for x in header.names),
+        segments=_segments(preamble, rows_above),
+        preamble=tuple(text.strip() for number, text in lines if number < rows[header.top][0]),
+    )
+
+
+def _reasons_around(lines: Sequence[tuple[int, str]], preamble_lines: int) -> dict[str, str]:
+    """What is said of comments and of the lines before the header."""
+    comment = next((m[1] for _, text in lines if (m := dialect.COMMENT.match(text))), "")
+    return {
+        "comments": comment and f"lines starting with {comment!r} (seen in the head)",
+        "preamble": f"{preamble_lines} lines (before the header)" if preamble_lines else "",
+    }
+
+
+def _segments(
+    preamble: Sequence[tuple[int, str]], rows_above: Sequence[tuple[int, list[str]]]
+) -> tuple[str, ...]:
+    """The first cells of the header of a segment, which follows the own one of an LVM file."""
+    header_ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
+    own_lines = next(header_ends, 0)
+    return tuple(cells[0] for _, cells in rows_above[own_lines:]) if preamble else ()
 
 
 def _cells(text: str, delimiter: str, width: int) -> list[str]:

@@ -292,8 +292,16 @@ class McapSource(Source):
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:
-    unit, kind = (leaf.unit, leaf.unit_from), s.schema.name if s.schema else ""
-    return Field(s.topic, place, leaf.label, s.group, *unit, kind, s.encoding)
+    return Field(
+        channel=s.topic,
+        path=place,
+        label=leaf.label,
+        group=s.group,
+        unit=leaf.unit,
+        unit_from=leaf.unit_from,
+        message_type=s.schema.name if s.schema else "",
+        encoding=s.encoding,
+    )
 
 
 def _without_stamps(series: Sequence[Series]) -> str:
