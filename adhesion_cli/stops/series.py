@@ -9,7 +9,8 @@ is
 with the standard deviation s of the stops, and t of n − 1 degrees of freedom for 95 %. Where the
 own uncertainty U of the stops is larger than t s, their errors do not scatter, as of a command that
 is always read half a cycle late: √(U² − t² s²) is then in U_common, too. Of a difference between
-groups, only the difference of the common parts counts: the errors have the same sign in both.
+groups, only the difference of the common parts counts: the errors have the same sign in both. But
+what only does not scatter may be another error in the other group.
 
 A limit is kept, or broken, where the interval mean ± U lies wholly on one side of it; else it is
 not decided. Nor is one of a quantity that no valid stop of the group has. Each stop is judged, too,
@@ -89,6 +90,9 @@ class Statistic(NamedTuple):
     ]
     drift: Annotated[Number, Quantity("", "change from stop to stop, by a line")]
     drift_u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
+    steady_u95: Annotated[
+        float, Quantity("", "the part of common_u95 that is of each stop, but does not scatter")
+    ] = 0.0
 
 
 class Group(NamedTuple):
@@ -214,11 +218,12 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
         return Statistic(1, mean, None, known_values[0].u95, common, scatter, (), None, None)
     sd = float(np.std(values, ddof=1))
     scattered = _student(n - 1) * sd
-    common = math.hypot(common, math.sqrt(max(own_square - scattered**2, 0.0)))
+    steady = math.sqrt(max(own_square - scattered**2, 0.0))
+    common = math.hypot(common, steady)
     u95 = math.hypot(scattered / math.sqrt(n), common)
     outliers = tuple(places[i] - 1 for i in _outliers(values, level))
     drift, drift_u95 = _drift(np.array(places, dtype=np.float64), values)
-    return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)
+    return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95, steady)
 
 
 def _student(freedom: float, share: float = 0.975) -> float:
@@ -282,10 +287,9 @@ def _difference(
     effective = variance**2 / weights if weights else math.inf
     factor = _student(effective) if math.isfinite(effective) else 1.96
     value = b.mean - a.mean
-    common = b.common_u95 - a.common_u95
-    if quantity in _OF_VEHICLE:
-        common = math.hypot(a.common_u95, b.common_u95)
-    u95 = math.hypot(factor * math.sqrt(variance), common)
+    of_series = [math.sqrt(max(x.common_u95**2 - x.steady_u95**2, 0.0)) for x in (a, b)]
+    common = math.hypot(*of_series) if quantity in _OF_VEHICLE else of_series[1] - of_series[0]
+    u95 = math.hypot(factor * math.sqrt(variance), common, a.steady_u95, b.steady_u95)
     share = value / a.mean if a.mean else 0.0
     return GroupDifference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
 
