@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.masks import runs_within, true_runs
-from ..core.model import Bools, Event, Floats, Regions, Times
+from ..core.model import Event, Floats, Regions, Times
 from ..core.physics import SLIDE, WORKING
 from .slope import REGION_TITLES
 
@@ -72,11 +72,11 @@ def slides(  # noqa: PLR0913 (one column each)
     parts, extent = [*segments], None
     errors = s if error is None else np.hypot(error, 0.0 if noise is None else noise)
     columns = t, v, s, errors
-    for samples in runs_within(certain_slip > END_SLIP, parts):
+    depth = certain_slip - (0.0 if noise is None else noise)
+    runs = [x for x in runs_within(certain_slip > END_SLIP, parts) if _is_deep(t[x], depth[x])]
+    ends_before, begins_after = [0, *(x.stop for x in runs)], [*(x.start for x in runs[1:]), len(t)]
+    for samples, *between in zip(runs, ends_before, begins_after, strict=False):
         seconds = (t[samples] - t[samples.start]) * 1e-9
-        deep: Bools = certain_slip[samples] > SLIDE + (0.0 if noise is None else noise[samples])
-        if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:
-            continue
         fast = v[samples] > WORKING
         sliding_speed = s[samples] * v[samples]  # v − ωR = s v
         known = np.maximum(F[samples], 0.0)  # a braked wheel that slides is not driven
@@ -97,7 +97,13 @@ def slides(  # noqa: PLR0913 (one column each)
             continue
         if extent is None or not extent.segment.start <= samples.start < extent.segment.stop:
             extent = _Extent(next(x for x in parts if x.start <= samples.start < x.stop), columns)
-        yield extent.measured(slide)
+        yield extent.measured(slide, *between)
+
+
+def _is_deep(t: Times, depth: Floats) -> bool:
+    """Whether a run of slip is a slide: above `SLIDE` for long enough; shapes (n,)."""
+    seconds = (t - t[0]) * 1e-9
+    return float(np.diff(seconds, prepend=seconds[0])[depth > SLIDE].sum()) >= SHORTEST_SLIDE
 
 
 class _Extent:
@@ -105,7 +111,7 @@ class _Extent:
 
     A slide lasts from `END_SLIP` to `END_SLIP`. Its error moves both ends: the interval is from the
     slip less its error to the slip with it. A wheel with half of that slip rolls. It crosses the
-    limit between samples, and slips most between them.
+    limit between samples, and slips most between them. Another slide ends it, too.
     """
 
     def __init__(self, segment: slice, columns: tuple[Times, Floats, Floats, Floats]) -> None:
@@ -113,14 +119,20 @@ class _Extent:
         self.segment, self.t, self.s = segment, t, s
         self.seconds: Floats = (t - t[0]) * np.float64(1e-9)
         self.interval = float(np.median(np.diff(self.seconds))) if len(t) > 1 else 0.0
-        levels = s - self.error, s, s + np.minimum(self.error, _ROLLS)
+        levels = s, s + np.minimum(self.error, _ROLLS)
         self.rolling = [np.flatnonzero(~(x > END_SLIP)) for x in levels]  # samples in no slide
 
-    def measured(self, slide: Slide) -> Slide:
-        """A slide with its begin, duration, distance and errors, by the samples of the segment."""
+    def measured(self, slide: Slide, end_before: int, begin_after: int) -> Slide:
+        """A slide with its begin, duration, distance and errors, by the samples of the segment.
+
+        It begins after the end of the slide before, and ends before the begin of the next one.
+        """
         start, stop = (x - self.segment.start for x in (slide.samples.start, slide.samples.stop))
         k = start + int(np.argmax(self.s[start:stop]))
-        least, (first, last), most = (self._around(rolling, k) for rolling in self.rolling)
+        limits = end_before - self.segment.start, begin_after - self.segment.start - 1
+        (first, last), most = (self._around(rolling, k, limits) for rolling in self.rolling)
+        surely = start + np.flatnonzero(self.s[start:stop] - self.error[start:stop] > END_SLIP)
+        least = (surely[0], surely[-1]) if len(surely) else (k, k)
         shortest, duration, longest = (
             self.seconds[b] - self.seconds[a] for a, b in (least, (first, last), most)
         )
@@ -141,12 +153,14 @@ class _Extent:
             max_slip_u95=slip_u95,
         )
 
-    def _around(self, rolling: NDArray[np.int64], k: int) -> tuple[int, int]:
-        """First and last sample around k that is in no `rolling`."""
+    def _around(
+        self, rolling: NDArray[np.int64], k: int, limits: tuple[int, int]
+    ) -> tuple[int, int]:
+        """First and last sample around k that is in no `rolling`, within limits."""
         i = int(np.searchsorted(rolling, k))
         first = int(rolling[i - 1]) + 1 if i else 0
         last = int(rolling[i]) - 1 if i < len(rolling) else len(self.s) - 1
-        return first, max(last, first)
+        return max(first, limits[0]), max(min(last, limits[1]), first)
 
 
 def over_locks(F: Floats, brake: Floats | None) -> tuple[Floats, Floats]:

@@ -19,6 +19,7 @@ _QUARTER = 0.25  # of the full value: nothing disturbs the build-up before it
 _LEVEL_ERROR = 0.005  # 1 sigma of the full value, as a share of it
 _COASTING_TIME = 3.0  # before the command, in which the train coasts [s]
 _BIN, _MEMORY = 0.1, 1.0  # a speed is averaged, and the fit has one error, over so long [s]
+_FEWEST_BINS, _COASTS = 5, 0.25  # before the command; a train that slows by more does not coast
 _TRIED = 16  # begins and durations of a build-up that are tried
 _LEAST_NOISE = 0.005  # 1 sigma of a mean speed [m/s]
 _CHANGE = 0.2  # 1 sigma of the change of a deceleration from the highest speed to none, as a share
@@ -103,6 +104,8 @@ def find_response(
         for times in (delays, build_ups)
     )
     longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
+    is_disturbed = disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command)
+    filling = max(quarters) / _QUARTER if is_disturbed else full_time.value
     others = any(f.overlaps(command, command + longest) for f in signals.other_brakes)
     if signals.others_later or others:
         equivalent = unknown
@@ -113,12 +116,12 @@ def find_response(
                 _response_by_speed(signals, mean, smooth.interval, command, braking.stop) or unknown
             )
         delay = unknown if signals.others_later else delay
-        return BrakeResponse(delay, equivalent, mean_weight, full_time.value, source="deceleration")
-    if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
-        return BrakeResponse(delay, unknown, mean_weight, max(quarters) / _QUARTER)
+        return BrakeResponse(delay, equivalent, mean_weight, filling, source="deceleration")
+    if is_disturbed:
+        return BrakeResponse(delay, unknown, mean_weight, filling)
     sigma = math.hypot(delay.tolerance, full_time.tolerance) / 2.0
     equivalent = Parameter((delay.value + full_time.value) / 2.0, sigma)
-    return BrakeResponse(delay, equivalent, mean_weight, full_time.value)
+    return BrakeResponse(delay, equivalent, mean_weight, filling)
 
 
 def _response_by_speed(
@@ -135,9 +138,10 @@ def _response_by_speed(
     deceleration with the speed, within `_CHANGE` of it. r rises at any time, within any time, in a
     line, by saturation or as an S. At the end t of that, the line of the speed at established
     deceleration meets that of coasting at t - (a Q + b R) / (a q + b). The response is its mean
-    over all r by their likelihood. None where the brakes are not built up by then, and where a
-    wheel slides. Wheels that show the speed creep by a share of it, and seem to slow earlier.
-    `share` is q after the command, `interval` that between readings [s].
+    over all r by their likelihood. None where the brakes are not built up by then, where a wheel
+    slides, and where the train slows before the command. Wheels that show the speed creep by a
+    share of it, and seem to slow earlier. `share` is q after the command, `interval` that between
+    readings [s].
     """
     ends = [b - command for f in signals.other_brakes for _, b in f.spans if b > command]
     end = min([_LONGEST_BUILD_UP * (stop - command), *ends])
@@ -153,9 +157,12 @@ def _response_by_speed(
     q = np.nan_to_num(np.interp(fine, *share))
     eighth = max(len(q) // 8, 1)
     lost = float(v[0] - v[-1])
+    before = t < 0.0
     if (
         len(t) < _TRIED
         or lost <= 0.0
+        or before.sum() < _FEWEST_BINS
+        or -np.polyfit(t[before], v[before], 1)[0] > _COASTS * lost / end
         or abs(q[-2 * eighth : -eighth].mean() - q[-eighth:].mean()) > _STEADY
     ):
         return None
