@@ -101,6 +101,24 @@ class _Tables(ABC):
         return []
 
 
+class _Axles(dict[int, Any]):
+    """Axles by number; one that is not there is an error with those that are."""
+
+    def __missing__(self, axle: int) -> Any:
+        raise AxleError(axle, list(self))
+
+
+class AxleError(UserError, KeyError):
+    """The error for an axle that was not analysed."""
+
+    def __init__(self, axle: object, analysed: Sequence[int] = ()) -> None:
+        numbers = ", ".join(map(str, analysed))
+        UserError.__init__(self, f"no axle {axle!r} was analysed", f"analysed: {numbers}", 2)
+
+    def __str__(self) -> str:  # KeyError shows a repr
+        return self.text
+
+
 _N = Annotated[Floats, Quantity("N", "")]
 
 
@@ -218,7 +236,7 @@ class Analysis(_Tables):
     def axles(self) -> Mapping[int, Axle]:
         """Every axle with its time series, by its number."""
         by_number = {a.record.axle: a for a in self.result.axles}
-        return {n: _axle(a, self.result, self._braked[n]) for n, a in by_number.items()}
+        return _Axles((n, _axle(a, self.result, self._braked[n])) for n, a in by_number.items())
 
     @property
     def applications(self) -> tuple[BrakeApplication, ...]:
@@ -348,7 +366,7 @@ class SlipAnalysis(_Tables):
     @property
     def axles(self) -> Mapping[int, Summary]:
         """By its number, what the log shows of the rail under each axle."""
-        return {s.axle: s for s in self._slip.axles}
+        return _Axles((s.axle, s) for s in self._slip.axles)
 
     def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
         return [("", self._slip.findings)]

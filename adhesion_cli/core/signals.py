@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .masks import runs_within, true_runs
 from .model import Z95, AxleRecord, Bools, Floats, Times
-from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
+from .physics import CRAWL, GRADIENT, RELEASED_SHARE, RISE, SLIDE
 
 _Time = TypeVar("_Time", np.int64, np.float64)
 _RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
@@ -111,16 +111,18 @@ def standing(record: AxleRecord) -> Bools:
 def _crawls_braked(record: AxleRecord) -> Bools:
     """Where a wheel shows a walking speed for longer than a brake lets it turn, (n,).
 
-    It stands from where it is first as slow as its sensor shows it from a second later on.
+    It stands from where it is first as slow as its sensor shows it in the later half of that time.
+    A wheel beside a train that moves slides.
     """
     K, speed, t = record.clamping_force, np.abs(record.wheel_speed), record.t * 1e-9
-    is_braked = np.nan_to_num(K) > 0.5 * float(np.nanmax(K, initial=0.0))
+    is_slow = (np.nan_to_num(K) > 0.5 * float(np.nanmax(K, initial=0.0))) & (speed < _BRAKED_CRAWL)
+    if record.train_speed is not None:
+        is_slow &= ~(record.train_speed > CRAWL)
     is_at_rest = np.zeros(len(record), dtype=bool)
-    for start, stop in true_runs(is_braked & (speed < _BRAKED_CRAWL)):
-        if t[stop - 1] - t[start] > _LONGEST_CRAWL:
-            row_after_second = start + int(np.searchsorted(t[start:stop], t[start] + 1.0))
-            resting = speed[start:stop] <= speed[row_after_second:stop].max()
-            is_at_rest[start + int(np.argmax(resting)) : stop] = True
+    for run in runs_within(is_slow, record.segments):
+        if t[run.stop - 1] - t[run.start] > _LONGEST_CRAWL:
+            resting = speed[run] <= speed[(run.start + run.stop) // 2 : run.stop].max()
+            is_at_rest[run.start + int(np.argmax(resting)) : run.stop] = True
     return is_at_rest
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -74,8 +75,9 @@ def slides(  # noqa: PLR0913 (one column each)
     columns = t, v, s, errors
     depth = certain_slip - (0.0 if noise is None else noise)
     runs = [x for x in runs_within(certain_slip > END_SLIP, parts) if _is_deep(t[x], depth[x])]
-    ends_before, begins_after = [0, *(x.stop for x in runs)], [*(x.start for x in runs[1:]), len(t)]
-    for samples, *between in zip(runs, ends_before, begins_after, strict=False):
+    # slides are apart where the wheel slips least between them
+    cuts = [a.stop + int(np.argmin(s[a.stop : b.start + 1])) for a, b in pairwise(runs)]
+    for samples, *between in zip(runs, [0, *cuts], [*cuts, len(t)], strict=False):
         seconds = (t[samples] - t[samples.start]) * 1e-9
         fast = v[samples] > WORKING
         sliding_speed = s[samples] * v[samples]  # v − ωR = s v
@@ -122,14 +124,14 @@ class _Extent:
         levels = s, s + np.minimum(self.error, _ROLLS)
         self.rolling = [np.flatnonzero(~(x > END_SLIP)) for x in levels]  # samples in no slide
 
-    def measured(self, slide: Slide, end_before: int, begin_after: int) -> Slide:
+    def measured(self, slide: Slide, earliest: int, end: int) -> Slide:
         """A slide with its begin, duration, distance and errors, by the samples of the segment.
 
-        It begins after the end of the slide before, and ends before the begin of the next one.
+        It begins at the `earliest` sample or later, and ends before `end`.
         """
         start, stop = (x - self.segment.start for x in (slide.samples.start, slide.samples.stop))
         k = start + int(np.argmax(self.s[start:stop]))
-        limits = end_before - self.segment.start, begin_after - self.segment.start - 1
+        limits = earliest - self.segment.start, end - self.segment.start - 1
         (first, last), most = (self._around(rolling, k, limits) for rolling in self.rolling)
         surely = start + np.flatnonzero(self.s[start:stop] - self.error[start:stop] > END_SLIP)
         least = (surely[0], surely[-1]) if len(surely) else (k, k)

@@ -41,8 +41,8 @@ _OF_RESPONSE = (
     "from there to 95 %. response: delay and half of the build-up."
 )
 _OF_NO_RESPONSE = (
-    " No response: a slide, its protection or another brake acts in the build-up, so that the "
-    "pressure does not show it."
+    " No response: a slide or its protection acts in the build-up, or another brake does and the "
+    "speed does not show the response."
 )
 _OF_LIMITS = (
     "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106). stops: "
@@ -95,7 +95,7 @@ _OF_DEAD_TIME = (
     " The time from the command to the first rise is in the uncertainty; `stops.dead_time` states "
     "a measured one."
 )
-_OF_RESPONSE = (
+_BY_SPEED = (
     " Response where another brake acts, or other cars brake later: by the deceleration, where the "
     "line of the speed at established deceleration meets the speed at the command."
 )
@@ -156,7 +156,7 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     nominal = ", ".join(f"{v:g}" for v in sorted({s.nominal_speed_kmh for s in stops}))
     ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
     dead_time = _OF_DEAD_TIME * any(s.command_from == "pressure" for s in stops)
-    by_speed = _OF_RESPONSE * any(s.response_from == "deceleration" for s in stops)
+    by_speed = _BY_SPEED * any(s.response_from == "deceleration" for s in stops)
     nominal_text = f"Nominal speed: {nominal} km/h."
     return f"Command: {commands}.{dead_time} Speed: {speeds}. {nominal_text}{by_speed}{ed}"
 

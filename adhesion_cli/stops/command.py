@@ -14,6 +14,7 @@ from .signals import StopSignals, TimeSeries, brake_levels, quantisation_step
 _RISE, _SLOW_RISE = 0.01, 0.05  # of the full pressure: it rises; the same of a slow channel
 _FALLEN = 1.7, 0.6  # from the begin of a rise to a clear one, over its doubling, and 1 sigma
 _SLOW = 0.4  # from this interval on, a channel is slow [s]
+_SLOWER = 4.0  # a rise that doubles more slowly, by this factor, than it began is a step first
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
 _Finder = Callable[[TimeSeries, float], tuple[float, float] | None]  # time, its uncertainty [s]
 
@@ -112,6 +113,8 @@ def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
         return float(window.t[k - 1]), interval / math.sqrt(3.0)
     t, rise = window.t[low[-1] :], np.fmax.accumulate(rise[low[-1] :])
     first, double = (float(np.interp(level, rise, t)) for level in (threshold, 2.0 * threshold))
+    if double - first > _SLOWER * (first - t[0] + interval):  # pads are laid on, then it rises
+        return float(window.t[k - 1]), interval / math.sqrt(3.0)
     fallen, sigma = (x * (double - first) for x in _FALLEN)
     return first - fallen, math.hypot(sigma, interval / math.sqrt(3.0))
 

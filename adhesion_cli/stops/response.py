@@ -186,6 +186,8 @@ def _response_by_speed(
         responses.append(response.ravel())
         logs.append(-0.5 * np.ptp(t) / _MEMORY * np.log(loss.ravel()) + math.log(cell))
     all_logs = np.concatenate(logs)
+    if np.max(all_logs) < -0.25 * np.ptp(t) / _MEMORY * math.log(_IMPOSSIBLE):
+        return None
     weights, times = np.exp(all_logs - np.max(all_logs)), np.concatenate(responses)
     mean = float(np.average(times, weights=weights))
     variance = float(np.average((times - mean) ** 2, weights=weights))

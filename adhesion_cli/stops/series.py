@@ -51,6 +51,7 @@ BRAKED_WEIGHT = {
     160: (176714.0, 11.6), 180: (228219.0, 11.6), 200: (287620.0, 11.6),
 }  # fmt: skip
 _FEWEST = 3  # stops that show an outlier or a drift
+_NEAR_SPEED = 3.0  # of the speed of a limit [km/h]
 _LEVEL = 0.05  # of the tests for outliers of a group, all together
 _SAME_SPEED = 0.1  # mean speeds of dry and wet stops that differ by less can be compared
 Verdict = Literal["pass", "fail", "undecided"]
@@ -101,7 +102,6 @@ class Group(NamedTuple):
     name: str
     n: int  # valid stops
     statistics: Mapping[str, Statistic]  # by quantity, those that a stop has
-    nominal_speed_kmh: float | None = None  # of its valid stops; None: they have several
 
 
 class GroupDifference(NamedTuple):
@@ -124,11 +124,18 @@ class GroupLimit(NamedTuple):
     lowest: float | None
     source: str = ""  # the published rule that states it; "": the user
     group: str = ""  # whose it is; "": of every group
-    speed: float = 0.0  # nominal speed [km/h] of the stops that it is for; 0: any
+    speed: float = 0.0  # [km/h] of the stops that it is for; 0: any
 
     def is_for(self, group: Group) -> bool:
         """Whether the stops of a group must keep it."""
-        return self.group in ("", group.name) and self.speed in (0.0, group.nominal_speed_kmh)
+        if self.group not in ("", group.name):
+            return False
+        v0 = group.statistics.get("initial_speed_mps")
+        return not self.speed or bool(
+            v0
+            and abs(3.6 * v0.mean - self.speed) < _NEAR_SPEED
+            and 3.6 * v0.scatter * v0.mean < 2.0 * _NEAR_SPEED
+        )
 
 
 class LimitVerdict(NamedTuple):
@@ -193,10 +200,7 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
             for quantity, measured in columns.items()
             if (statistic := _statistic(measured, level))
         }
-        speeds = {s.stop.nominal_speed_kmh for s in members}
-        groups.append(
-            Group(name, len(members), statistics, min(speeds) if len(speeds) == 1 else None)
-        )
+        groups.append(Group(name, len(members), statistics))
     return groups
 
 

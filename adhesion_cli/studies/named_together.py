@@ -36,7 +36,8 @@ def identify_together(
     each log's start.
     """
     logs: dict[int, AlignedLog] = {}
-    for place, path in enumerate(paths if len(paths) > 1 else ()):
+    finds = len(paths) > 1 and settings.analysis.vehicle == "log"
+    for place, path in enumerate(paths if finds else ()):
         try:
             settings_of_log, log = read_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":

@@ -287,6 +287,17 @@ def test_nothing_is_printed_and_nothing_is_written(
     assert not list(tmp_path.iterdir())
 
 
+def test_an_axle_that_was_not_analysed_is_an_error_that_names_the_others(
+    run: adhesion.Analysis,
+) -> None:
+    with pytest.raises(adhesion.UserError) as error:
+        run.axles[9]
+    assert isinstance(error.value, KeyError)
+    assert "9" in str(error.value)
+    assert all(str(n) in error.value.hint for n in run.axles)
+    assert 9 not in run.axles
+
+
 def test_a_text_of_several_logs_has_the_log_of_each_finding() -> None:
     both = adhesion.compare([BRAKE, SLID], algos="td")
     lines = repr(both).splitlines()

@@ -91,19 +91,6 @@ def test_dry_and_wet_stops_from_other_speeds_are_a_finding(run: Run, plan: Path)
     assert document["wsp"][0]["extension"] is None
 
 
-def test_a_rule_without_a_limit_for_the_speed_is_a_finding(run: Run, plan: Path) -> None:
-    text = PLAN.replace("[limits]", '[limits]\nstandard = "StrabVO"')
-    plan.write_text(text.replace("nominal_speed = 70", "nominal_speed = 80", 1))
-    document = json.loads(run("stops", "--plan", str(plan), "--json").stdout)
-    (finding,) = (f for f in document["findings"] if f["code"] == "limit-not-applied")
-    assert finding["message"] == (
-        "StrabVO (Austria), annex 1 has limits for 30, 40, 50, 60 and 70 km/h only: none is "
-        "applied to group first."
-    )
-    of_rule = [x for x in document["limits"] if x["source"].startswith("StrabVO")]
-    assert [(x["group"], x["limit"], x["verdict"]) for x in of_rule] == [("second", 2.73, "fail")]
-
-
 def test_the_screen_has_stops_statistics_and_verdicts(run: Run, plan: Path) -> None:
     done = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--lambda", "--budget")
     assert done.returncode == 0, done.stderr

@@ -82,3 +82,18 @@ def test_duration_and_largest_slip_of_a_slide_hold_the_true_ones(rate: float, er
         assert abs(found.duration - (end - begin)) < found.duration_u95
         assert abs(found.max_slip - 0.25) < found.max_slip_u95 < 0.1
         assert found.duration_u95 < 1.5 / rate + 0.2
+
+
+def test_slides_with_little_slip_between_do_not_overlap() -> None:
+    t = np.arange(0.0, 6.0, 0.02)
+    slip = np.interp(t, [1, 1.2, 2, 2.2, 3, 3.2, 4, 4.2], [0, 0.1, 0.1, 0.012, 0.012, 0.1, 0.1, 0])
+    errors = np.full(len(t), 0.005)
+    v, force = np.full(len(t), 20.0), np.ones(len(t))
+    columns = (t * 1e9).astype(np.int64), v, slip, slip - errors, force
+    segments = [slice(0, len(t))]
+    first, second = slides(segments, *columns, False, None, None, errors)
+    assert first.start * 1e-9 + first.duration <= second.start * 1e-9 + 0.03
+    assert first.duration == pytest.approx(2.0, abs=1.0)
+    for x in (first, second):
+        assert x.duration_u95 is not None
+        assert x.duration_u95 < 1.2

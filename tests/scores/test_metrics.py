@@ -297,6 +297,17 @@ def test_a_sensor_that_shows_no_zero_ends_the_application_at_standstill(rest: fl
     assert span == pytest.approx((5.0, 25.0), abs=0.4)
 
 
+def test_a_wheel_that_creeps_to_its_mark_or_slides_does_not_stand() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    K = np.interp(t, [5, 7], [0, 20000])
+    creeping = np.interp(t, [5.0, 24.0, 40.0, 40.2], [58.0, 0.5, 0.5, 0.0])
+    (span,) = spans(record(t, K, creeping))
+    assert span[1] == pytest.approx(40.1, abs=0.3)
+    sliding = record(t, K, np.interp(t, [5.0, 24.0, 30.0, 32.0], [58.0, 0.5, 0.5, 10.0]))
+    moving = replace(sliding, train_speed=np.full(len(t), 10.0))
+    assert max(stop for _, stop in spans(moving)) > 59.0
+
+
 def test_coasting_has_no_application() -> None:
     t = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(7).normal(0.0, 30.0, len(t))

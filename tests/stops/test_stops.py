@@ -157,6 +157,17 @@ def test_noise_of_a_slow_pressure_is_no_begin_of_a_brake() -> None:
     assert sigma == pytest.approx(1.0 / math.sqrt(3.0))
 
 
+@pytest.mark.parametrize("step", [0.1, 0.25, 0.3])
+def test_pads_that_are_laid_on_first_do_not_date_the_command_far_back(step: float) -> None:
+    x, _ = signals(command=False)
+    t = x.speed.t
+    bar = np.interp(t, [ON, ON + 0.02, ON + 1.0, ON + 2.0], [0.0, step, step, 3.0])
+    bar += np.random.default_rng(1).normal(0.0, 0.01, len(t))
+    braking = Braking(ON + 1.5, 40.0, "")
+    time, sigma, _ = find_command(x._replace(brakes={1: TimeSeries(t, 1e5 * bar)}), braking)
+    assert abs(time - ON) < max(3.0 * sigma, 0.1) < 1.0
+
+
 def test_a_brake_pipe_falls_before_the_cylinders_rise() -> None:
     x, _ = signals(command=False)
     t = x.speed.t

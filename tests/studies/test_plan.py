@@ -6,6 +6,7 @@ import pytest
 
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.stops.series import Group, GroupLimit, Statistic, judge
+from adhesion_cli.studies.brake_test import _find_unused_rules
 from adhesion_cli.studies.plan import Plan, PlannedGroup, planned_logs, read_plan
 
 PLAN = """
@@ -132,19 +133,36 @@ def test_the_limits_of_a_published_rule_are_known_by_its_name(
     assert own == GroupLimit("jerk", 3, None)
 
 
-def test_tram_limits_go_by_the_nominal_speed(tmp_path: Path) -> None:
+def test_tram_limits_go_by_the_speed_of_the_stops(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text('[group.a]\nlogs = ["a"]\n[limits]\nstandard = "StrabVO"')
-    slow, fast, odd = (
-        Group(
-            name, 1, {"mean_deceleration": Statistic(1, 2.5, None, 0.01, 0.0, 0, (), None, None)}, v
+    plan = read_plan(path)
+
+    def group(name: str, kmh: float, scatter: float = 0.0) -> Group:
+        values = {"initial_speed_mps": kmh / 3.6, "mean_deceleration": 2.5}
+        return Group(
+            name,
+            2,
+            {
+                k: Statistic(2, x, 0.0, 0.01, 0.0, scatter, (), None, None)
+                for k, x in values.items()
+            },
         )
-        for name, v in (("slow", 40.0), ("fast", 60.0), ("odd", 80.0))
-    )
-    verdicts = judge([], [slow, fast, odd], read_plan(path).limits)
+
+    slow, fast, odd = group("slow", 40.9), group("fast", 69.0), group("odd", 80.0)
+    mixed = group("mixed", 60.0, scatter=0.2)
+    verdicts = judge([], [slow, fast, odd, mixed], plan.limits)
     assert [(x.group, x.limit, x.verdict) for x in verdicts] == [
-        ("slow", 2.29, "pass"), ("fast", 2.57, "fail"),
+        ("slow", 2.29, "pass"), ("fast", 2.73, "fail"),
     ]  # fmt: skip
+    findings = [*_find_unused_rules([slow, odd, mixed], plan)]
+    assert [(f.code, f.names["group"]) for f in findings] == [
+        ("limit-not-applied", "odd"), ("limit-not-applied", "mixed"),
+    ]  # fmt: skip
+    assert findings[0].message == (
+        "StrabVO (Austria), annex 1 has limits for 30, 40, 50, 60 and 70 km/h only: none is "
+        "applied to group odd."
+    )
 
 
 def test_logs_of_a_plan_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

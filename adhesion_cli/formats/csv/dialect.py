@@ -157,7 +157,8 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         line = re.sub(r"[ \t]+", " ", line.strip())
     try:
-        rows = csv.reader(line.splitlines(True) or [""], delimiter=delimiter, skipinitialspace=True)
+        lines = line.splitlines(True) if "\n" in line else [line]  # it also cuts at other marks
+        rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         cells = [c.strip() for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]

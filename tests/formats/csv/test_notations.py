@@ -15,6 +15,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.time_axis import clean
 from adhesion_cli.core.units import in_name, unit
 from adhesion_cli.formats.csv import stamps
+from adhesion_cli.formats.csv.dialect import split
 from adhesion_cli.formats.csv.reader import open_csv
 from adhesion_cli.formats.source import ReadOptions
 
@@ -890,3 +891,8 @@ def test_a_long_preamble_is_no_table(tmp_path: Path, line: str) -> None:
     rows = "".join(f"{k / 50:.2f};{k % 7};70.5\n" for k in range(900))
     source, (p, _) = numbers_of(tmp_path / "a.csv", f"{preamble}t [s];p [bar];v [km/h]\n{rows}")
     assert ([f.channel for f in source.fields], len(p.t)) == (["p [bar]", "v [km/h]"], 900)
+
+
+@pytest.mark.parametrize("mark", ["\x0b", "\x1c", "\x85", "\u2028"])
+def test_marks_that_are_no_line_ends_stay_in_their_cell(mark: str) -> None:
+    assert split(f"a{mark}b;2;3", ";") == [f"a{mark}b", "2", "3"]
