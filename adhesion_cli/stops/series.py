@@ -95,6 +95,11 @@ class Statistic(NamedTuple):
         float, Quantity("", "the part of common_u95 that is of each stop, but does not scatter")
     ] = 0.0
 
+    @property
+    def series_u95(self) -> float:
+        """The part of the uncertainty whose error is the same in all groups of the series."""
+        return math.sqrt(max(self.common_u95**2 - self.steady_u95**2, 0.0))
+
 
 class Group(NamedTuple):
     """A group of stops."""
@@ -291,8 +296,9 @@ def _difference(
     effective = variance**2 / weights if weights else math.inf
     factor = _student(effective) if math.isfinite(effective) else 1.96
     value = b.mean - a.mean
-    of_series = [math.sqrt(max(x.common_u95**2 - x.steady_u95**2, 0.0)) for x in (a, b)]
-    common = math.hypot(*of_series) if quantity in _OF_VEHICLE else of_series[1] - of_series[0]
+    common = b.series_u95 - a.series_u95
+    if quantity in _OF_VEHICLE:
+        common = math.hypot(a.series_u95, b.series_u95)
     u95 = math.hypot(factor * math.sqrt(variance), common, a.steady_u95, b.steady_u95)
     share = value / a.mean if a.mean else 0.0
     return GroupDifference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
@@ -359,8 +365,8 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
         statistics = [x for x in lengths if x]
-        own_shares = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in statistics]
-        common = [x.common_u95 / x.mean for x in statistics]  # of one sign in both
+        own_shares = [math.sqrt(max(x.u95**2 - x.series_u95**2, 0.0)) / x.mean for x in statistics]
+        common = [x.series_u95 / x.mean for x in statistics]  # of one sign in both
         u95 = ratio * math.hypot(*own_shares, common[1] - common[0])
         k_wet_u95 = u95 / ratio**2
     axles = sorted({a.axle for s in of_wet for a in s.axles})

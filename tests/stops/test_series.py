@@ -69,6 +69,15 @@ def test_an_error_of_the_stops_that_does_not_scatter_stays_in_the_mean() -> None
     assert change.u95 == pytest.approx(0.015 * math.sqrt(2.0), rel=0.01)
 
 
+def test_an_error_that_does_not_scatter_is_in_the_extension() -> None:
+    x = compare_wet(series({"dry": [300.0] * 3, "wet": [400.0] * 3}), "dry", "wet")
+    lengths = np.array([280.0, 380.0])  # after a response of 1 s from 20 m/s
+    own, common = math.sqrt(4.0**2 - 3.0**2) / lengths, 3.0 / lengths
+    ratio = lengths[1] / lengths[0]
+    assert x.extension == pytest.approx(ratio - 1.0)
+    assert x.extension_u95 == pytest.approx(ratio * math.hypot(*own, common[1] - common[0]))
+
+
 def test_one_stop_has_its_own_uncertainty() -> None:
     (group,) = group_stops(series({"a": [300.0]}))
     x = group.statistics["distance_m"]
