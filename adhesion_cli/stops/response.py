@@ -170,7 +170,7 @@ def _response_by_speed(
     Q, D = (np.interp(t, fine, 0.01 * (np.cumsum(x) - x / 2.0)) for x in (q, loss_share))
     fixed = np.stack([np.ones_like(t), t, -Q, -D], axis=-1)
     fit = _SpeedFit(t, v - v[0], fixed, _LEAST_NOISE * end / (_CHANGE * lost), float(q[-1]))
-    responses, logs = list[Floats](), list[Floats]()
+    responses, losses, logs = list[Floats](), list[Floats](), list[Floats]()
     for build_up in _BUILD_UPS:
         starts, rises = np.linspace(0.0, end, _TRIED), end * np.linspace(0.02, 1.0, _TRIED)
         for _ in range(2):
@@ -184,10 +184,11 @@ def _response_by_speed(
                 for x, k, low in ((starts, i, 0.0), (rises, j, 0.01 * end))
             )
         responses.append(response.ravel())
+        losses.append(loss)
         logs.append(-0.5 * np.ptp(t) / _MEMORY * np.log(loss.ravel()) + math.log(cell))
-    all_logs = np.concatenate(logs)
-    if np.max(all_logs) < -0.25 * np.ptp(t) / _MEMORY * math.log(_IMPOSSIBLE):
+    if np.min(losses) >= _IMPOSSIBLE:
         return None
+    all_logs = np.concatenate(logs)
     weights, times = np.exp(all_logs - np.max(all_logs)), np.concatenate(responses)
     mean = float(np.average(times, weights=weights))
     variance = float(np.average((times - mean) ** 2, weights=weights))
