@@ -75,7 +75,7 @@ def brake_limits(p: Params, share: float = 1.0) -> Limits:
     return Limits(share * p.fills, share * p.dumps, steps, steps, p.pressure_lasts, p.rests)
 
 
-def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
+def find_outliers(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     """The outliers of every brake, wheel and train speed; each is judged alone."""
     brakes = {key: brake_faults(p, c) for key, c in channels.items() if key[0] in BRAKES}
     wheels = {key: wheel_faults(p, c) for key, c in channels.items() if key[0] == "wheel_speed"}

@@ -46,10 +46,15 @@ def resample(
     findings: list[Finding] = []
     for chosen in choice.axles:
         if chosen.speed in screened.channels and chosen.brake in screened.channels:
-            axle, faults = _axle(chosen, screened, view)
+            logged_t = choice.channels[chosen.speed].data.t
+            logged_t = logged_t[view.contains(logged_t)]
+            inside = view.contains(screened.channels[chosen.speed].data.t)
+            axle, faults = _axle(chosen, screened, inside)
             if axle:
                 axles.append(axle)
-                usable_times[chosen.axle] = _usable_time(axle, choice.channels[chosen.speed], view)
+                t = axle.record.t
+                used_ns = sum(int(t[s.stop - 1] - t[s.start]) for s in axle.record.segments)
+                usable_times[chosen.axle] = used_ns * 1e-9, float(np.ptp(logged_t)) * 1e-9
             if chosen.axle in choice.requested:
                 findings += [f for channel, fault in faults for f in view.report(fault, channel)]
     short_axles = {x for x, (used, logged) in usable_times.items() if used < _LEAST_USABLE * logged}
@@ -63,26 +68,20 @@ def resample(
     return [a for a in axles if a.record.axle not in short_axles], findings
 
 
-def _usable_time(axle: AxleChannels, speed: Channel, view: View) -> tuple[float, float]:
-    """The time of an axle's record, and that of its speed in the log [s]."""
-    t = speed.data.t
-    t = t[view.contains(t)]
-    used_t = axle.record.t
-    used_time = sum(float(used_t[s.stop - 1] - used_t[s.start]) for s in axle.record.segments)
-    return used_time * 1e-9, float(t[-1] - t[0]) * 1e-9
-
-
 def _axle(
-    chosen: AxleChoice, screened: Screened, view: View
+    chosen: AxleChoice, screened: Screened, inside: Bools
 ) -> tuple[AxleChannels | None, list[tuple[Channel, Fault]]]:
-    """One axle, None where too little is left; and the faults of its channels."""
+    """One axle, None where too little is left; and the faults of its channels.
+
+    `inside` says which samples of its speed lie in the window, shape (n,).
+    """
     shared = {k[0]: c for k, c in screened.channels.items() if k[1] is None}
     channels = shared | {k[0]: c for k, c in screened.channels.items() if k[1] == chosen.axle}
     speed, brake = screened.channels[chosen.speed], screened.channels[chosen.brake]
-    inside = view.contains(speed.data.t)
     times = SampleTimes(speed.data.t, speed.pieces)
     last_value, smooth, is_fresh = _sampled(times, brake)
     motors, motors_fresh = _motor_force(channels, times)
+    compared = {x: times.interpolate(channels[x]) for x in _COMPARED if x in channels}
     fresh = is_fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
     recorded = (times.t >= brake.data.t.min()) & (times.t <= brake.data.t.max())
@@ -97,9 +96,7 @@ def _axle(
     if not segments:
         return None, faults
     train = channels.get("train_speed")
-    train_speed, truth, true_slip = (
-        times.interpolate(channels[x])[in_segment] if x in channels else None for x in _COMPARED
-    )
+    compared = {x: value[in_segment] for x, value in compared.items()}
     last_value, smooth = last_value[in_segment], smooth[in_segment]
     is_pressure = brake.meaning == "pressure"
     limit, unit = screened.ranges.get(chosen.brake), units.unit(speed.measured_in)
@@ -112,9 +109,9 @@ def _axle(
         segments,
         wheel_speed_step=speed.step,
         pressure=last_value if is_pressure else None,
-        train_speed=train_speed,
-        truth=truth,
-        true_slip=true_slip,
+        train_speed=compared.get("train_speed"),
+        truth=compared.get("truth"),
+        true_slip=compared.get("true_slip"),
         clamping_force_step=brake.step,
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         train_speed_step=train.step if train else 0.0,

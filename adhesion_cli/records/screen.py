@@ -58,11 +58,11 @@ def screen(choice: Choice, view: View, p: Thresholds) -> Screened:
                 sound[key] = remove_samples(c, excluded)
         return {key: sound[key] for key in channels if key in sound}
 
-    channels = remove_faults(outliers.find_faults(p.outliers, channels))
+    channels = remove_faults(outliers.find_outliers(p.outliers, channels))
     channels = remove_faults(_find_signs(channels))
     channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
     repeats = {k: runs(c) for k, c in channels.items() if "speed" in k[0] or k[0] in BRAKES}
-    brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels, repeats)
+    brake_faults = stuck_pressure.find_brake_faults(p.stuck_pressure, channels, repeats)
     ranges = {
         key: float(channels[key].data.value.max())
         for key, faults in brake_faults.items()

@@ -33,7 +33,7 @@ class Params(NamedTuple):
     varies: Annotated[float, fraction("of the highest value: all others vary")] = 0.3
 
 
-def find_faults(
+def find_brake_faults(
     p: Params, channels: Channels, repeats: Mapping[Key, RepeatedRuns]
 ) -> dict[Key, list[Fault]]:
     """Where each pressure [Pa] or K [N] is stuck or saturated, also by those of the other axles.

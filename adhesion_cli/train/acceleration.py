@@ -19,15 +19,18 @@ Sources: Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core import compiled
+from ..core.finding import Finding
 from ..core.masks import erode, true_runs
-from ..core.model import Bools, Channel, Floats, Times
+from ..core.model import Bools, Channel, Floats, Parameter, Times
 from ..core.physics import CRAWL, RELEASED_SHARE
 from ..core.signals import finite_median, running_integral, white_noise
+from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid
 
 GRID_STEP = 0.1  # step of the grid [s]
@@ -45,7 +48,7 @@ _CREEP = 0.004  # 1 sigma of the creep of a wheel that a motor drives, at 1 m/s�
 _GATE = 12.0  # χ² of two errors, in v and b, beyond which it is not the train that stands
 _BRAKING_RANGE = 0.05, 3.0  # a brake makes of a what lies between, or it is not the train's [m/s²]
 _LARGEST_SIGMA = 3.0  # no speed is known with a larger sigma [m/s]
-FILTER_DELAY_SIGMA = 0.05  # 1 sigma delay of an accelerometer by its filter [s]
+_FILTER_DELAY_SIGMA = 0.05  # 1 sigma delay of an accelerometer by its filter [s]
 _UNKNOWN = 100.0  # 1 sigma of a speed before anything is known [m/s]
 
 
@@ -147,7 +150,33 @@ def _smooth(s: _AccelerationSamples, moments: Floats, smoothed: Floats) -> None:
         smoothed[j] = v, b, Svv
 
 
-def integrate(g: Grid, a: Channel) -> Integrated | str:
+def give_train_speed(
+    axles: list[AxleChannels], g: Grid | None, a: Channel
+) -> tuple[list[AxleChannels], list[Finding]]:
+    """The axles with a train speed by its acceleration, or why there is none."""
+    v = _integrate(g, a) if g else "the clock jumps back"
+    if isinstance(v, str):
+        unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
+        return axles, [unused]
+    integrated_axles, highest = [], 0.0
+    filter_delay = Parameter(0.0, _FILTER_DELAY_SIGMA)
+    for x in axles:
+        speed, sigma = v.interpolate(x.record.t)
+        highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
+        record = replace(x.record, train_speed=speed, train_speed_sigma=sigma)
+        integrated_axles.append(x._replace(record=replace(record, train_speed_late=filter_delay)))
+    values = {
+        "sigma_mps": highest,
+        "bias_low_mps2": float(v.bias.min()),
+        "bias_high_mps2": float(v.bias.max()),
+        "anchored_s": v.anchored,
+    }
+    names = {"axis": "forwards" if v.sign > 0 else "backwards"}
+    finding = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
+    return integrated_axles, [finding]
+
+
+def _integrate(g: Grid, a: Channel) -> Integrated | str:
     """The train's speed by its acceleration [m/s²], in any sign; or why there is none."""
     n = g.rim.shape[1]
     t: Floats = g.step * np.arange(n, dtype=np.float64)

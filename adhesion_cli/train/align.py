@@ -15,7 +15,7 @@ from ..core.sample_times import SampleTimes
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
 from . import acceleration, clock
-from .grid import Grid, grid
+from .grid import STEP, Grid, grid
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
 _LATE = 0.3  # a receiver that seems later is, though by 2 sigma only: receivers are late [s]
@@ -31,35 +31,13 @@ def align(
     `accelerometer` is that of a log without a train speed.
     """
     axles = [_shifted(a, a.train.delay) if a.train and a.train.delay else a for a in axles]
-    if all(a.train is None for a in axles):
-        return _integrated(axles, accelerometer) if accelerometer else (axles, [])
-    g = grid(axles)
+    is_integrated = all(a.train is None for a in axles)
+    if is_integrated and not accelerometer:
+        return axles, []
+    g = grid(axles, acceleration.GRID_STEP if is_integrated else STEP)
+    if is_integrated and accelerometer:
+        return acceleration.give_train_speed(axles, g, accelerometer)
     return _on_one_clock(axles, g, view) if g else (axles, [])
-
-
-def _integrated(axles: list[AxleChannels], a: Channel) -> tuple[list[AxleChannels], list[Finding]]:
-    """The axles with a train speed by its acceleration, or why there is none."""
-    g = grid(axles, acceleration.GRID_STEP)
-    v = acceleration.integrate(g, a) if g else "the clock jumps back"
-    if isinstance(v, str):
-        unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
-        return axles, [unused]
-    integrated_axles, highest = [], 0.0
-    filter_delay = Parameter(0.0, acceleration.FILTER_DELAY_SIGMA)
-    for x in axles:
-        speed, sigma = v.interpolate(x.record.t)
-        highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
-        record = replace(x.record, train_speed=speed, train_speed_sigma=sigma)
-        integrated_axles.append(x._replace(record=replace(record, train_speed_late=filter_delay)))
-    values = {
-        "sigma_mps": highest,
-        "bias_low_mps2": float(v.bias.min()),
-        "bias_high_mps2": float(v.bias.max()),
-        "anchored_s": v.anchored,
-    }
-    names = {"axis": "forwards" if v.sign > 0 else "backwards"}
-    finding = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
-    return integrated_axles, [finding]
 
 
 def _on_one_clock(
