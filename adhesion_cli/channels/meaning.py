@@ -235,7 +235,7 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
     named, unqualified = split("pressure", "cylinder", "braking")
     for i in unqualified if named else []:
-        meant[i] = meant[i].without("others are the brake cylinders'")
+        meant[i] = meant[i].without("a pressure, and others are the brake cylinders'")
     named, unqualified = split("wheel_speed", "wheel")
     for i in unqualified if named else []:
         unit = units.unit(meant[i].unit)

@@ -70,6 +70,7 @@ RULES = (
     Rule("any", "own ED brake, own force|own torque|own effort, !own true", "ed_force"),
     Rule("force|torque", "own traction, !own demand, !own estimated, !own true", "traction_force"),
     Rule("ratio", "own traction, own force|own effort, !own demand", "traction_force"),
+    Rule("force|torque", "own ED effort, !own demand, !own estimated, !own true", "ed_force"),
     Rule("force", "own clamping, ?own force", "clamping_force"),
     Rule("force", "own K, ?own force, !adhesion force, !true force", "clamping_force"),
     Rule("force", "true, ?adhesion force, !estimated, !slip, !own other force", "truth"),
@@ -291,7 +292,8 @@ class _Name:
         self.own_kinds = _kinds_of(self.own)
         if self.unit == "kn" and "speed" in self.own_kinds:  # as the unit of a force it is kN
             self.unit = "knots"
-        self.rare_unit = self.unit or units.unknown_in(field.label or field.channel)
+        percent = "".join({"pct", "percent"}.intersection(self.own))  # "brake_effort_pct"
+        self.rare_unit = self.unit or units.unknown_in(field.label or field.channel) or percent
 
     def quantities(self) -> dict[str, str]:
         """What this may be, each with its unit.

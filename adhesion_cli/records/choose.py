@@ -1,6 +1,7 @@
 """Which channels of a log the records are made of, or why there are none."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from ..core import toml
@@ -81,7 +82,7 @@ def choose(log: Log, axles: Sequence[int], vehicle: Vehicle) -> Choice:
             brakes = [c for (meaning, _), c in channels.items() if meaning in BRAKES]
             speed_keys = [k for k in channels if k[0] == "wheel_speed" and k[1]]
             speeds = [channels[k] for k in speed_keys if not brake_of(channels, k[1] or 1)]
-            spares = brakes if speed else speeds
+            spares = sorted(brakes if speed else speeds, key=partial(_distance, axle))
             findings.append(incomplete(axle, channels[key].title, speed is not None, spares))
     return Choice(channels, tuple(choices), requested, rates[0] if rates else None, findings)
 
@@ -130,6 +131,12 @@ def incomplete(axle: int, title: str, has_speed: bool, spares: Sequence[Channel]
     key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
     names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)
+
+
+def _distance(axle: int, channel: Channel) -> tuple[bool, int]:
+    """How far a channel's axle is from this one; the other axle of a bogie is the nearest."""
+    other_axle = channel.axle or axle
+    return (other_axle + 1) // 2 != (axle + 1) // 2, abs(other_axle - axle)
 
 
 def brake_of(keys: Collection[Key], axle: int) -> Key | None:

@@ -181,6 +181,16 @@ def test_an_axle_without_pressure_is_reported() -> None:
     assert "channels.speed.axle2.channel=wheel_speed" in error.value.hint  # of no other axle
 
 
+def test_the_pressure_of_the_other_axle_of_a_bogie_is_proposed() -> None:
+    t, p, y = brake()
+    speeds = [channel("wheel_speed", t, y, n) for n in (1, 2, 3, 4)]
+    named = [replace(channel("pressure", t, p, n), name=f"p of {n}") for n in (1, 3)]
+    _, findings = records(log(*named, *speeds), Vehicle())
+    hints = {f.values["axle"]: f.hint or "" for f in findings}
+    assert "channel=p of 1" in hints[2]
+    assert "channel=p of 3" in hints[4]
+
+
 def test_the_window_counts_from_the_logs_start() -> None:
     t, p, y = brake()
     (record,), _ = records(

@@ -304,6 +304,7 @@ def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
         ("电制动力_2轴(kN)", ED, 2), ("EDB_Force_kN", ED, None), ("ED brake effort [%]", ED, None),
         ("Dynamic brake torque [Nm]", ED, None), ("F_ED [kN]", ED, None),
         ("Effort de freinage électrique [kN]", ED, None), ("Forza freno elettrico [kN]", ED, None),
+        ("Esfuerzo eléctrico eje 2 [kN]", ED, 2), ("esfuerzo_freno_electrico_pct", ED, None),
         ("Fuerza freno eléctrico [kN]", ED, None), ("elektrodynamische rem [kN]", ED, None),
         ("ED brake force demand [kN]", None, None), ("ED brake torque motor 1 [Nm]", None, 1),
         ("brake force [kN]", None, None), ("制动力(kN)", None, None),
@@ -495,7 +496,7 @@ def test_a_speed_without_an_axle_among_those_of_axles_is_the_train_s(name: str) 
     assert not findings
 
 
-@pytest.mark.parametrize("name", ["p", "p_T", "p_ER", "Lastdruck", "P CP", "Umgebungsdruck", "p_A"])
+@pytest.mark.parametrize("name", ["p", "p_T", "p_ER", "P CP", "Umgebungsdruck", "p_A"])
 def test_a_pressure_without_an_axle_among_those_of_axles_is_another(name: str) -> None:
     others = [Field(f"{name} [bar]"), *(Field(f"p{k} [bar]") for k in (1, 2))]
     meant, findings = understood(others, ())
@@ -777,6 +778,13 @@ def test_names_in_further_languages() -> None:
         ("reservoir_pressure", "Tlak vzduchojemu [bar]|Druk hoofdreservoir [bar]"),
         ("reservoir_pressure", "Przewód zasilający [bar]|Przewod zasilajacy [bar]"),
         ("brake_pipe", "Przewód główny [bar]|Przewod_glowny [bar]|vezetek nyomas [bar]"),
+        ("brake_pipe", "TFA [bar]|Presión TFA [bar]"),
+        ("reservoir_pressure", "TDP [bar]|Presión depósitos principales [bar]"),
+        (
+            "load_pressure",
+            "Lastdruck [bar]|Presión de carga [bar]|Pression de charge [bar]|Ciśnienie obciążenia [bar]",
+        ),
+        ("magnetic_brake", "Patín electromagnético|Patines activos|Patim magnético"),
         ("gradient", "Pochylenie [‰]|Sklon [‰]|Lutning [‰]"),
         (None, "Porucha pískování|Sanding fault|Fel sandning|Požadovaný tlak válce [bar]"),
     ],
