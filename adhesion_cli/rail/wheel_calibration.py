@@ -87,7 +87,7 @@ def calibrate_radius(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, l
         return stated_radius, []
     if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated_radius.tolerance)), []
-    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma}
+    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma, "reading": 1.0 / ratio - 1.0}
     rolling = Parameter(radius * ratio, radius * sigma)
     return rolling, [Finding("wheel-calibrated", "info", channel=name, values=values)]
 

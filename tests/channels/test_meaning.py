@@ -782,7 +782,7 @@ def test_names_in_further_languages() -> None:
         ("reservoir_pressure", "TDP [bar]|Presión depósitos principales [bar]"),
         (
             "load_pressure",
-            "Lastdruck [bar]|Presión de carga [bar]|Pression de charge [bar]|Ciśnienie obciążenia [bar]",
+            "Lastdruck [bar]|Presión de carga [bar]|Pression de charge [bar]",
         ),
         ("magnetic_brake", "Patín electromagnético|Patines activos|Patim magnético"),
         ("gradient", "Pochylenie [‰]|Sklon [‰]|Lutning [‰]"),
