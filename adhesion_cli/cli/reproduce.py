@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def command(shared: Shared) -> int:
     """Reproduce the paper's table and figures.
 
-    They are in its sections 3 and 4. The command states the reading of the text behind each number,
+    They are in its section 3. The command states the reading of the text behind each number,
     and what another reading would give. Writes reproduce.mcap and reproduce.rrd.
 
     Example: adhesion reproduce
@@ -68,12 +68,6 @@ def report(doc: "Json") -> list[str]:
         ]
         heads = [title, "rmse at 0.5 Hz [N]", *(f"{f:g} Hz" for f in frequencies)]
         sections.append(table(heads, body))
-    field = doc["field_test"]
-    sections.append(
-        f"field test, simulated: neso follows the reference with rmse {field['rmse_n']:.0f} N "
-        f"({100.0 * field['rmse_share']:.1f} % of the mean force), lag {field['lag_s']:.2f} s, "
-        f"gain {field['gain']:.3f}"
-    )
     sections.append("Read as:\n" + "\n".join(f"- {text}" for text in doc["readings"]))
     listed = [
         [a["reading"], a["algo"], number(a["response_s"], 2), number(a["max_error_n"], 1)]

@@ -1,4 +1,4 @@
-"""Sections 3 and 4 of the paper: our numbers, the printed ones, and the reading behind each.
+"""Section 3 of the paper: our numbers, the printed ones, and the reading behind each.
 
 Wu, Peng, Li print the parameters (Table 1), the vehicle and the results (Table 2). They do not
 print the sample interval, how the methods start, or the meaning of "noise power" and "maximum
@@ -6,6 +6,7 @@ error". `READINGS` lists our choices, `ALTERNATIVES` other ones. Both are measur
 way, from logs of the same simulated brake.
 """
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,10 +25,8 @@ from ..core.model import Floats, Result, Vehicle
 from ..core.physics import wheelset
 from ..estimators import PAPER
 from ..results.wide_table import writer
-from ..scores import metrics
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
-from .response import harmonic
 
 PUBLISHED = {  # Table 2: response time [s], maximum error [N]
     "td": (1.52, 49.0),
@@ -66,8 +65,6 @@ READINGS = (
     "that dies slowly: both depend on these 2 s, which are ours.",
     "Varying condition: only a figure is printed. Ours has a wet rail whose friction swings by "
     "35 % in 2 s (scenario paper-varying); gain and lag are those of the force's harmonic.",
-    "Field test: no data are printed. Ours is the scenario service-brake at 100 Hz, NESO with the "
-    "gains of Table 1 in exact steps (forward Euler would be unstable), against our reference.",
 )
 
 
@@ -113,13 +110,13 @@ class Reproduction:
     """Everything that was measured."""
 
     document: Json  # `adhesion.reproduce/1`
-    results: tuple[Result, Result, Result]  # constant, varying, field test
+    results: tuple[Result, Result]  # constant, varying
 
 
 def reproduce(
     seeds: Sequence[int] = SEEDS, progress: Callable[[str], None] = lambda _: None
 ) -> Reproduction:
-    """Both conditions of section 3 and the field test of section 4, measured.
+    """Both conditions of section 3, measured.
 
     Fewer of the seeds of the noise are used where it matters little.
     """
@@ -133,14 +130,12 @@ def reproduce(
     progress("varying adhesion")
     varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
     progress("analysing one log of each")
-    field_test = simulate.load("service-brake")
     exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
     as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
     printed_settings = Settings(analysis=exact, overrides=as_printed)
     results = (
         _analyze_scenario("constant.mcap", _constant(DELAY), printed_settings),
         _analyze_scenario("varying.mcap", _swinging(0.5), printed_settings),
-        _analyze_scenario("field-test.mcap", field_test, Settings(analysis=exact)),
     )
     measured = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
     text = "kept alive by process noise q = 1e-5"
@@ -149,7 +144,6 @@ def reproduce(
         **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
         "conditions": {"constant": constant, "varying": varying},
-        "field_test": _field_test(results[2]),
         "readings": list(READINGS),
         "alternatives": alternatives,
         "unmatched": [a for a, row in constant.items() if row["max_error_matched_by"] is None],
@@ -259,6 +253,17 @@ def _estimate(
 # --- varying condition --------------------------------------------------------------------------
 
 
+def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
+    """Amplitude and phase of x at a frequency, as those of sin 2πft; whole periods, shape (n,).
+
+    Least squares, together with a mean and a slope.
+    """
+    angle = 2.0 * math.pi * frequency * t
+    columns = np.stack([np.sin(angle), np.cos(angle), np.ones_like(t), t - np.mean(t)], axis=1)
+    sine, cosine, _, _ = np.linalg.solve(columns.T @ columns, columns.T @ x)
+    return complex(float(sine), float(cosine))
+
+
 def _swinging(frequency: float) -> Scenario:
     """The second condition with the friction swinging at another frequency [Hz]."""
     s = simulate.load("paper-varying")
@@ -290,7 +295,7 @@ def _measure_varying(
     return {**{key: scenario_row[key] for key in ("rmse_n", "lag_s", "gain")}, "frequency": rows}
 
 
-# --- field test and files -----------------------------------------------------------------------
+# --- files --------------------------------------------------------------------------------------
 
 
 def _analyze_scenario(name: str, scenario: Scenario, settings: Settings) -> Result:
@@ -300,21 +305,3 @@ def _analyze_scenario(name: str, scenario: Scenario, settings: Settings) -> Resu
         writer(path)(path, simulate.as_log(simulate.run(scenario)))
         result = analyze(path, settings, list(PUBLISHED))
     return replace(result, log=replace(result.log, path=name))
-
-
-def _field_test(result: Result) -> Json:
-    """NESO against the reference over the brake application, as in the paper's figure 6."""
-    (axle,) = result.axles
-    columns = axle.estimates["neso"], axle.reference.force
-    comparison = metrics.compare(axle.record, *columns, axle.applications)
-    assert comparison is not None
-    values = metrics.measure(comparison)
-    mean = float(np.mean(np.abs(np.concatenate(comparison.target))))
-    assert values["rmse_n"] is not None
-    return {
-        "algo": "neso",
-        "against": "reference",
-        "rmse_n": values["rmse_n"],
-        "rmse_share": values["rmse_n"] / mean,
-        **{name: values[name] for name in ("bias_n", "lag_s", "gain")},
-    }

@@ -91,14 +91,10 @@ def test_varying_condition_reduces_and_delays(made: reproduce.Reproduction) -> N
     assert at_2["lag_s"] == pytest.approx(late, abs=0.01)
 
 
-def test_neso_follows_the_reference_in_the_field_test(made: reproduce.Reproduction) -> None:
-    found = made.document["field_test"]
-    assert found["rmse_share"] < 0.04
-    assert found["lag_s"] == pytest.approx(0.14, abs=0.02)
-    assert found["gain"] == pytest.approx(1.0, abs=0.01)
-    record = made.results[2].axles[0].record
-    coasting = record.clamping_force[record.t - record.t[0] < 2e9]
-    assert (coasting == 0.0).all()
+def test_harmonic_is_exact_beside_a_slope() -> None:
+    t = np.arange(2000) * 1e-3
+    x = 3.0 - 0.7 * t + 2.0 * np.sin(2.0 * math.pi * t) - 0.5 * np.cos(2.0 * math.pi * t)
+    assert reproduce.harmonic(t, x, 1.0) == pytest.approx(2.0 - 0.5j)
 
 
 def test_printed_parameters_are_table_1s() -> None:
@@ -129,9 +125,6 @@ def test_the_page_on_the_paper_shows_what_comes_out(
         assert numbers(page_s) == pytest.approx(numbers(ours), rel=0.01, abs=0.11)
     for name in re.findall(r"!\[.*\]\((.*)\)", page):
         assert (DOCS / "explanation" / name).stat().st_size < 200_000
-    found = made.document["field_test"]
-    claim = f"{found['rmse_n']:.0f} N rmse, {100.0 * found['rmse_share']:.1f} % of the mean force"
-    assert claim in page
 
 
 def test_command_writes_and_states_everything(
