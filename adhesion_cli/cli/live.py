@@ -51,10 +51,6 @@ def command(
     connect: Annotated[
         str, option("--connect", "URL", "A Rerun viewer, as rerun+http://HOST:9876/proxy.")
     ] = "",
-    serve: Annotated[
-        int | None,
-        option("--serve", "PORT", "Foxglove on this computer: ws://127.0.0.1:PORT.", min=0),
-    ] = None,
 ) -> int:
     """Compute the adhesion while samples arrive.
 
@@ -67,7 +63,7 @@ def command(
 
     -o DIR also writes <name>.live.mcap and <name>.live.rrd. They can be read at
     any time, even after a kill. --view and --connect show the samples in the
-    Rerun viewer, --serve in Foxglove. --json prints a line per sample and axle.
+    Rerun viewer. --json prints a line per sample and axle.
 
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
@@ -83,7 +79,7 @@ def command(
     try:
         feed = _open_feed(source, replay, speed, settings)
         try:
-            return _Run(feed, settings, shared, viewer, serve).go()
+            return _Run(feed, settings, shared, viewer).go()
         finally:
             feed.close()
     except KeyboardInterrupt:  # before the first sample: the normal end as well
@@ -117,16 +113,14 @@ def _viewer(shared: Shared, connect: str) -> str:
 
 
 class _Run:
-    """A run on a feed, shown in a viewer at an address, "" for none, and in Foxglove at a port."""
+    """A run on a feed, shown in a viewer at an address, "" for none."""
 
-    def __init__(
-        self, feed: "Feed", settings: "Settings", shared: Shared, viewer: str, serve: int | None
-    ) -> None:
+    def __init__(self, feed: "Feed", settings: "Settings", shared: Shared, viewer: str) -> None:
         from ..analysis.request import choose_estimators
         from ..live.run import Tally
         from ..live.shown import Counts, Waiting
 
-        self._feed, self._shared, self._viewer, self._serve = feed, shared, viewer, serve
+        self._feed, self._shared, self._viewer = feed, shared, viewer
         self._stated = self._settings = settings  # as stated, and as this run uses them
         self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
         self._algos_shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
@@ -207,14 +201,8 @@ class _Run:
 
         names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
         yield from self._recordings(axles, names)
-        if self._serve is not None:
-            from ..live.served import LiveServer
-
-            server = LiveServer(self._serve, self._settings.vehicle, axles, names)
-            self._say(f"Foxglove: open {server.url}")
-            yield server
         if self._shared.json:
-            outlives_reader = bool(self._files or self._viewer) or self._serve is not None
+            outlives_reader = bool(self._files or self._viewer)
             lines = JsonLines(self._algos_shown, self._settings.vehicle, outlives_reader)
             yield Batches(
                 lines, _LINES, self._say if outlives_reader else None, "the reader of --json"

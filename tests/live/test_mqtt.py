@@ -9,15 +9,13 @@ import pytest
 from helpers.live_runs import free_port, running, taken
 
 
-def test_messages_of_a_broker_are_taken_and_served_to_foxglove(tmp_path: Path) -> None:
-    """A real broker, a real client of Foxglove's protocol."""
+def test_messages_of_a_broker_are_taken(tmp_path: Path) -> None:
+    """A real broker."""
     import asyncio
 
-    pytest.importorskip("foxglove")
     broker_of = pytest.importorskip("amqtt.broker").Broker
-    sync = pytest.importorskip("websockets.sync.client")
     paho = pytest.importorskip("paho.mqtt.client")
-    port, served = free_port(), free_port()
+    port = free_port()
     stated = {
         "listeners": {"default": {"type": "tcp", "bind": f"127.0.0.1:{port}"}},
         "plugins": {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}},
@@ -37,7 +35,7 @@ def test_messages_of_a_broker_are_taken_and_served_to_foxglove(tmp_path: Path) -
     sender.loop_start()
     source = f"mqtt://127.0.0.1:{port}/train/#"
     try:
-        with running(tmp_path, source, "--json", "--serve", str(served), "-a", "imm") as process:
+        with running(tmp_path, source, "--json", "-a", "imm") as process:
             stop = threading.Event()
 
             def send() -> None:
@@ -51,15 +49,9 @@ def test_messages_of_a_broker_are_taken_and_served_to_foxglove(tmp_path: Path) -
             sending.start()
             try:
                 assert taken(process, 20)[-1]["status"] == "ok"
-                with sync.connect(
-                    f"ws://127.0.0.1:{served}", subprotocols=["foxglove.sdk.v1"]
-                ) as client:
-                    told = [json.loads(client.recv(timeout=20)) for _ in range(2)]
             finally:
                 stop.set()
                 sending.join()
-        topics = {c["topic"] for one in told for c in one.get("channels", [])}
-        assert topics == {"/axle/1/input", "/axle/1/slip", "/axle/1/estimate/imm"}
     finally:
         sender.loop_stop()
         asyncio.run_coroutine_threadsafe(broker.shutdown(), loop).result(20)
