@@ -44,6 +44,9 @@ class Mapping:
     tolerance: float = model.MOTOR_TOLERANCE  # 1 sigma, as a share
 
 
+Mappings = dict[Field, list[Mapping]]  # what the user states of each field
+
+
 @dataclass(frozen=True, slots=True)
 class Meant:
     """A field with its meaning, or with the reason why it has none."""
@@ -92,30 +95,25 @@ def understood(
         UserError: for a mapping to a channel or field the log does not have.
     """
     fields = _each_once(fields)
-    by_hand: dict[Field, list[Mapping]] = {}
+    by_hand: Mappings = {}
     for mapping in mappings:
         for field, m in _find(fields, mapping) if mapping.channel else []:
             by_hand.setdefault(field, []).append(m)
-    mapped = {m.meaning for m in mappings if m.channel}
     channels = {f.channel for f in fields}
     meant: list[Meant] = []
     guesses: list[int] = []
     for field in fields:
-        if mappings_of_field := by_hand.get(field):
-            meant += [_as_stated(field, m) for m in mappings_of_field]
-            continue
-        if field.words and not _is_state(field):
+        stated = by_hand.get(field, [])
+        if field.words and not (stated or _is_state(field)):
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(ungrouped)
         base = re.fullmatch(r"(.*?)(?: \(\d+\)|\.\d+)", field.channel)
         if base and base[1] in channels:  # the reader added "(2)", or pandas ".1"
             axle = place_of(replace(ungrouped, channel=base[1])).axle
-        if meaning in mapped:
-            meaning, reason = None, f"[channels] names another {meaning}"
-        elif field.path.count("[") > 1:
+        if field.path.count("[") > 1:
             meaning, reason = None, "a list in a list: state its axle in [channels]"
-        if meaning:
+        if meaning and all(m.meaning == meaning for m in stated):  # it counts with the others
             guesses.append(len(meant))
         unit_conflict = _unit_too(field, meaning, unit) if meaning and meaning in INPUTS else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
@@ -125,13 +123,42 @@ def understood(
     _take_spare_numbers(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
-    findings = _count_from_one(meant, guesses)
+    findings = _count_from_one(meant, guesses, by_hand)
     _drop_sums(meant, guesses)
-    findings += _assign_axles(meant, guesses)
+    findings += _assign_axles(meant, guesses, by_hand)
+    meant, guesses = _with_stated(meant, guesses, by_hand)
     findings += _spread_forces(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
     _apply_statements(meant, set(guesses), mappings)
     return meant, findings
+
+
+def _with_stated(
+    meant: Sequence[Meant], guesses: Collection[int], by_hand: Mappings
+) -> tuple[list[Meant], list[int]]:
+    """The fields with what the user states of them, and which of them are still guesses.
+
+    A channel that is stated for one axle leaves the other axles theirs. One that is stated for no
+    axle is the only one of its meaning, and so is each force of motors: they are added.
+    """
+    stated = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
+    meanings = {meaning for meaning, _ in stated}
+    rows: list[Meant] = []
+    left: list[int] = []
+    seen: set[Field] = set()
+    for i, m in enumerate(meant):
+        if m.field in by_hand:
+            if m.field not in seen:
+                rows += [_as_stated(m.field, x) for x in by_hand[m.field]]
+                seen.add(m.field)
+            continue
+        is_alone = m.axle is None or (m.meaning, None) in stated or m.meaning in MOTOR_FORCES
+        if (m.meaning, m.axle) in stated or (m.meaning in meanings and is_alone):
+            m = m.without(f"[channels] names another {m.meaning}")
+        elif i in guesses:
+            left.append(len(rows))
+        rows.append(m)
+    return rows, left
 
 
 def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
@@ -307,8 +334,8 @@ def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:
         speed_axles = {meant[i].axle for i in places}
 
 
-def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Channels that number axles from 0 move up by one, and that is reported.
+def _count_from_one(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> list[Finding]:
+    """Channels that number axles from 0 move up by one; that is reported of those not stated.
 
     Channels of another meaning move with them if their numbers do not reach further. With speeds 0
     and 1 and pressures 1 and 2, the pressures count from 1. Indices in brackets and numbers in
@@ -327,6 +354,7 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             shifted += indices if max(numbers[meaning]) <= highest else []
     for i in shifted:
         meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
+    shifted = [i for i in shifted if meant[i].field not in by_hand]
     if not shifted:
         return []
     names = [meant[i].title for i in sorted(shifted)]
@@ -342,9 +370,14 @@ def _is_indexed(field: Field) -> bool:
     return re.search(r"\[\d+\](\.\w+)?$", named) is not None
 
 
-def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Gives each channel the axles that it serves by its name and by those of the others."""
+def _assign_axles(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> list[Finding]:
+    """Gives each channel the axles that it serves by its name and by those of the others.
+
+    It does not serve those for which the user states another one. What is found of channels that
+    the user states is not reported.
+    """
     findings, counted_on = [], []
+    stated = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
     channels = {
         i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
         for i, m in ((i, meant[i]) for i in guesses)
@@ -355,7 +388,9 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if axles is None:
             meant[i] = m.without(UNCLEAR)
             continue
-        if is_counted_on:
+        is_stated = m.field in by_hand
+        axles = tuple(a for a in axles if is_stated or (m.meaning, a) not in stated) or axles
+        if is_counted_on and not is_stated:
             counted_on.append((replace(m, axle=axles[0]), axles))
         if m.meaning in MOTOR_FORCES and axles and not _is_of_each(m):
             m = replace(m, share=1.0 / len(axles))
@@ -364,9 +399,9 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant.append(replace(m, axle=axle))
         if axles:
             meant[i] = replace(m, axle=axles[0])
-        if m.meaning in MOTOR_FORCES and len(axles) > 1:
+        if m.meaning in MOTOR_FORCES and len(axles) > 1 and not is_stated:
             findings.append(_spread_finding(m, axles, axles))
-        elif len(axles) > 1:
+        elif len(axles) > 1 and not is_stated:
             key = f"channels.{m.meaning}.bogie{(axles[0] + 1) // 2}"
             lines = f"{key} = {toml.table(entry_of(m.field))}", f"{key}.axles = {[*axles]}"
             names = {"axles": enumerated(axles), "option": toml.option(*lines)}

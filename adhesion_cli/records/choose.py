@@ -124,12 +124,18 @@ def axle_numbers(
 def incomplete(axle: int, title: str, has_speed: bool, spares: Sequence[Channel] = ()) -> Finding:
     """An axle with a wheel speed and no brake, or the other way round.
 
-    `title` is of the channel that it has. One of `spares` may be the missing one.
+    `title` is of the channel that it has. The first of `spares` may be the missing one: a pressure
+    then stays that of its own axle as well.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    entry = next(({"channel": c.name, "field": c.field} for c in spares), {"channel": "NAME"})
-    key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
-    names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
+    entry, axles = {"channel": "NAME"}, [axle]
+    if spares:
+        spare = spares[0]
+        entry = {"channel": spare.name, "field": spare.field}
+        axles = [spare.axle, axle] if has_speed and spare.axle else [axle]
+    key = f"channels.{'pressure' if has_speed else 'speed'}"
+    lines = (f'{key}."axle {number}" = {toml.table(entry)}' for number in axles)
+    names = {"lacking": lacking, "option": toml.option(*lines)}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)
 
 

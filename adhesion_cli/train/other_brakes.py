@@ -9,6 +9,8 @@ at the same pressure. The speed of each is a parabola with a bend:
 
 fitted to the seconds before and after each time. What lies close to the bend is left out. No
 gradient, no friction and no slide that leaves the wheels together has a sudden and large d.
+
+A retarder or a motor fades out in some seconds at low speed: there more is left out, and c is 0.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,9 +28,13 @@ from .grid import Grid
 
 _ACTING_SHARE = 0.1  # of the highest value of a channel: from there its brake acts
 _COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
-_WINDOW, _TRANSITION = 2.5, 0.4  # before and after a change, and its own half [s]
-_LEAST_CHANGE = 0.25  # a gradient that changes by 2.5 % does so over the length of a train [m/s²]
-_LEAST_SHARE = 0.15  # least change over the deceleration
+_BESIDE = 2.1  # before and after a change [s]
+# a change's own half [s]: a track brake drops within tenths of a second, a retarder in seconds
+_SUDDEN, _FADING = 0.4, 2.0
+# a gradient that changes by 2.5 % does so over the length of a train [m/s²]
+_LEAST_CHANGE = {_SUDDEN: 0.25, _FADING: 0.3}
+_LEAST_SHARE = {_SUDDEN: 0.15, _FADING: 0.2}  # least change over the deceleration
+_FADING_SPEED = 12.0  # highest speed at which a retarder or a motor fades out [m/s]
 _SIGMAS = 8.0  # from which a change is no noise; it is coloured
 _AXLE_SHARE = 0.5  # of the change of all axles, that each one shows at least
 _SLIP = 0.03  # of a wheel that rolls, at most
@@ -74,27 +80,35 @@ def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
         return ()
     top = np.interp(np.arange(len(top)), places, top[places])  # a gap ends no brake application
     braked = top > RELEASED_SHARE * np.max(top)
-    mask, largest = np.zeros(len(braked), dtype=np.bool_), 0.0
-    for place, change in _steps(g):
-        begin, stop = next((run for run in true_runs(braked) if run[0] <= place < run[1]), (0, 0))
-        mask[slice(begin, place) if change > 0.0 else slice(place, stop)] = True
-        largest = max(largest, change, key=abs)
+    mask, largest = np.zeros(len(braked), dtype=np.bool_), (0.0, 0.0)
+    for half in (_SUDDEN, _FADING):
+        for place, change in _steps(g, half):
+            begin, stop = next((x for x in true_runs(braked) if x[0] <= place < x[1]), (0, 0))
+            mask[slice(begin, place) if change > 0.0 else slice(place, stop)] = True
+            largest = max(largest, (change, half), key=lambda x: abs(x[0]))
     if not mask.any():
         return ()
-    amount = f"{abs(largest):.2g} m/s² {'less' if largest > 0.0 else 'more'}"
-    names = {"reason": f"The train suddenly slows {amount} at the same pressure"}
+    change, half = largest
+    verb = "falls" if change > 0.0 else "rises"
+    amount = f"{abs(change):.2g} m/s² within {2.0 * half:.2g} s"
+    names = {"reason": f"The deceleration {verb} by {amount} at the same pressure"}
     spans = spans_of_mask(mask, g.t, start_ns)
     return (Finding("other-brake", "warning", "", len(spans), spans, {}, names),)
 
 
-def _steps(g: Grid) -> Iterator[tuple[int, float]]:
-    """The place of each sudden change of acceleration on the grid, and the change [m/s²]."""
-    j, n = round(_WINDOW / g.step), g.rim.shape[-1]
+def _steps(g: Grid, half: float) -> Iterator[tuple[int, float]]:
+    """The place of each change of acceleration on the grid, and the change [m/s²].
+
+    It lasts twice the time `half` [s]. Only a sudden one may slow the train more: so does, in some
+    seconds, the friction of cast iron at low speed. No friction slows it less in so short a time.
+    """
+    j, n = round((_BESIDE + half) / g.step), g.rim.shape[-1]
     if g.step > _COARSEST_STEP or n < 4 * j:
         return
     s = g.step * np.arange(-j, j + 1)
-    is_fitted = np.abs(s) > _TRANSITION
-    basis = np.stack([np.ones_like(s), s, s**2, np.maximum(s, 0.0)], axis=1)[is_fitted]
+    is_fitted = np.abs(s) > half
+    parabola = [s**2] if half == _SUDDEN else []  # a slow trend is no change in some seconds
+    basis = np.stack([np.ones_like(s), s, *parabola, np.maximum(s, 0.0)], axis=1)[is_fitted]
     inverse = np.linalg.pinv(basis)
     by_axle = sliding_window_view(g.rim + g.climb, len(s), axis=-1)[..., is_fitted]
     v = np.mean(by_axle, axis=0)
@@ -102,11 +116,13 @@ def _steps(g: Grid) -> Iterator[tuple[int, float]]:
     freedom = len(basis) - basis.shape[1]
     noise = np.sqrt(np.sum((v - x @ basis.T) ** 2, axis=-1) / freedom)
     sigma, change = noise * float(np.linalg.norm(inverse[-1])), x[:, -1]
-    least_change = np.maximum(_LEAST_CHANGE, -_LEAST_SHARE * x[:, 1])
+    least_change = np.maximum(_LEAST_CHANGE[half], -_LEAST_SHARE[half] * x[:, 1])
     change_of_axles = by_axle @ inverse[-1] * np.sign(change)
-    sudden = np.abs(change) > np.maximum(least_change, _SIGMAS * sigma)
-    sudden &= (change_of_axles > _AXLE_SHARE * np.abs(change)).all(axis=0) & _is_steady(g, j)
-    for begin, stop in true_runs(sudden):
+    is_change = np.abs(change) > np.maximum(least_change, _SIGMAS * sigma)
+    if half == _FADING:
+        is_change &= (change > 0.0) & (x[:, 0] < _FADING_SPEED)
+    is_change &= (change_of_axles > _AXLE_SHARE * np.abs(change)).all(axis=0) & _is_steady(g, j)
+    for begin, stop in true_runs(is_change):
         k = begin + int(np.argmax(np.abs(change[begin:stop]) / sigma[begin:stop]))
         yield j + k, float(change[k])
 

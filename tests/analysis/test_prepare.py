@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.pasted import pasted
 
 from adhesion_cli.analysis.prepare import Window, prepare
 from adhesion_cli.core import time_axis
@@ -187,8 +188,11 @@ def test_the_pressure_of_the_other_axle_of_a_bogie_is_proposed() -> None:
     named = [replace(channel("pressure", t, p, n), name=f"p of {n}") for n in (1, 3)]
     _, findings = records(log(*named, *speeds), Vehicle())
     hints = {f.values["axle"]: f.hint or "" for f in findings}
-    assert "channel=p of 1" in hints[2]
-    assert "channel=p of 3" in hints[4]
+    for axle, lacking in ((1, 2), (3, 4)):  # it stays the pressure of its own axle
+        assert pasted(hints[lacking]) == [
+            f"channels.pressure.axle{axle}.channel=p of {axle}",
+            f"channels.pressure.axle{lacking}.channel=p of {axle}",
+        ]
 
 
 def test_the_window_counts_from_the_logs_start() -> None:

@@ -686,6 +686,29 @@ def test_one_channel_may_be_stated_for_several_axles() -> None:
     ]
 
 
+def test_a_channel_stated_for_one_axle_leaves_the_others_theirs() -> None:
+    names = [*(f"BCP {k} [bar]" for k in range(4)), *(f"wheel speed {k} [rpm]" for k in range(4))]
+    fields = [Field(name) for name in names]
+    swapped = [Mapping(PRESSURE, 3, names[3]), Mapping(PRESSURE, 4, names[2])]
+    meant, findings = understood(fields, swapped)
+    assert [(m.meaning, m.axle) for m in meant] == [
+        *((PRESSURE, axle) for axle in (1, 2, 4, 3)),
+        *((WHEEL, axle) for axle in (1, 2, 3, 4)),
+    ]
+    assert [(f.code, f.count) for f in findings] == [("axles-from-zero", 6)]
+    meant, _ = understood(fields, [Mapping(PRESSURE, None, names[0])])
+    assert [m.meaning for m in meant[:4]] == [PRESSURE, None, None, None]
+
+
+def test_a_bogie_pressure_does_not_serve_an_axle_that_has_its_own() -> None:
+    fields = [Field(x) for x in ("BCP bogie 1 [bar]", "sensor [bar]", "v 1 [rpm]", "v 2 [rpm]")]
+    meant, findings = understood(fields, [Mapping(PRESSURE, 2, "sensor [bar]")])
+    assert [(m.meaning, m.axle) for m in meant] == [
+        (PRESSURE, 1), (PRESSURE, 2), (WHEEL, 1), (WHEEL, 2),
+    ]  # fmt: skip
+    assert not findings
+
+
 def test_a_zero_is_that_of_the_channel_whose_name_says_the_axle() -> None:
     zero = Parameter(0.1, 0.01)
     names = Field("BCP 1 [bar]"), Field("BCP 2 [bar]")

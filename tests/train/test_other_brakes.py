@@ -34,8 +34,32 @@ def test_a_sudden_change_at_the_same_pressure_is_another_brake(
     after = np.where(T >= 40.0, max(-more, 0.0), 0.0)
     (finding,) = find_brake_steps(grid(BRAKE + before + after), 0)
     assert finding.code == "other-brake"
-    assert f"0.5 m/s² {'less' if more > 0.0 else 'more'}" in finding.names["reason"]
+    verb = "falls" if more > 0.0 else "rises"
+    assert f"{verb} by 0.5 m/s² within 0.8 s" in finding.names["reason"]
     assert finding.spans[0] == pytest.approx(acts, abs=0.5)
+
+
+STRONG_BRAKE = np.where(T > 10.0, 1.2, 0.01)  # to 6 m/s in 55 s
+
+
+def test_a_retarder_that_fades_out_at_low_speed_has_acted_before() -> None:
+    retarder = np.interp(T, [53.0, 56.0], [0.4, 0.0]) * (T > 10.0)
+    (finding,) = find_brake_steps(grid(STRONG_BRAKE - 0.4 + retarder), 0)
+    assert "falls by 0.4 m/s² within 4 s" in finding.names["reason"]
+    assert finding.spans[0] == pytest.approx((10.25, 54.5), abs=0.75)
+
+
+@pytest.mark.parametrize(
+    "less",
+    [
+        np.interp(T, [52.0, 56.0], [0.0, 0.25]),  # a gradient of 2.5 % under a train
+        np.interp(T, [20.0, 60.0], [0.0, 0.5]),  # pads that get hot
+        -np.interp(T, [52.0, 56.0], [0.0, 0.5]),  # cast iron
+    ],
+    ids=["gradient", "hot pads", "cast iron"],
+)
+def test_no_other_brake_fades_where_friction_or_the_line_does_it(less: Floats) -> None:
+    assert not find_brake_steps(grid(STRONG_BRAKE - less), 0)
 
 
 def test_a_brake_that_drops_after_a_gap_has_acted_before_it() -> None:
