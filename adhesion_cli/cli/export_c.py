@@ -1,4 +1,4 @@
-"""`adhesion export-c`: an estimator as C99 for a brake control unit."""
+"""`adhesion export-c`: an estimator or a control law as C99 for a brake control unit."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +15,8 @@ def command(
         str,
         typer.Argument(
             metavar="ALGO",
-            help="Estimator.",
-            **options.completes(options.estimators),
+            help="Estimator, or control law of antiskid.",
+            **options.completes(lambda: [*options.estimators(), *options.controllers()]),
         ),
     ],
     shared: Shared,
@@ -27,11 +27,11 @@ def command(
         int, option("--axle", "N", "Axle whose wheel radius is the default; 1.", min=1)
     ] = 1,
 ) -> int:
-    """Export an estimator as C99 source.
+    """Export an estimator or a control law as C99 source.
 
-    C99 without allocation, translated from the same source that analyze runs. With a test on a
-    bundled log, a Makefile, and a README with units and ranges. The settings stated are the
-    defaults of the C.
+    C99 without allocation, translated from the same source that analyze and antiskid run. With a
+    test on a bundled log, a Makefile, and a README with units and ranges. The settings stated are
+    the defaults of the C.
 
     Example: adhesion export-c kalman -o bcu --float
     """
@@ -49,15 +49,17 @@ def command(
     with atomic_files.outputs(paths, shared.force, inputs=shared.config) as places:
         for place, text in zip(places, exported.texts.values(), strict=True):
             place.write_text(text, encoding="utf-8")
+    unit = "N" if algo in options.estimators() else "-"
     if shared.json:
         kinds = ("header", "source", "test", "makefile", "readme")
         outputs = {kind: str(path) for kind, path in zip(kinds, paths, strict=True)}
-        error = {"value": exported.single_error, "unit": "N"}
+        error = {"value": exported.single_error, "unit": unit}
         body = {"algo": algo, "type": "float" if single else "double", "samples": exported.samples}
         print(dumps(tagged("export-c", **body, single_precision_error=error, outputs=outputs)))
         return 0
     print(terminal.wrote(*paths))
+    single_error = f"{exported.single_error:.2g}{' N' if unit == 'N' else ''}"
     text = f"`make -C {folder} test` runs it on {exported.samples} samples."
-    text += f" Single precision differs by at most {exported.single_error:.2g} N there."
+    text += f" Single precision differs by at most {single_error} there."
     terminal.message(text, shared.quiet)
     return 0

@@ -32,6 +32,12 @@ def estimators() -> list[str]:
     return sorted(path.stem for path in _PACKAGE.glob("estimators/[!_]*.py"))
 
 
+def controllers() -> list[str]:
+    """The control laws of `antiskid`, for completion."""
+    stems = (path.stem for path in _PACKAGE.glob("wsp/controllers/[!_]*.py"))
+    return sorted(name for name in stems if name != "none")
+
+
 def completes(names: Callable[[], list[str]]) -> dict[str, Any]:
     """What lets typer complete one of these names."""
     return {"autocompletion": lambda incomplete: [n for n in names() if n.startswith(incomplete)]}

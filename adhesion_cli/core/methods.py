@@ -16,7 +16,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Annotated, Any, NamedTuple, Protocol
 
 from .errors import UserError, unknown
@@ -120,3 +120,13 @@ def _method(kind: Kind, name: str, module: ModuleType) -> Method:
             text = f"{path}: Params.{field} lacks its Quantity or its default"
             raise UserError(text, kind.remedy)
     return Method(name, about.title, about.source, P, S, module.init, module.step)
+
+
+def bind(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
+    """A plain function that calls others in place of some: `stand_ins` maps them."""
+    assert isinstance(f, FunctionType)
+    names = {
+        name: stand_ins.get(x, x) if isinstance(x, FunctionType) else x
+        for name, x in f.__globals__.items()
+    }
+    return FunctionType(f.__code__, names, f.__name__, f.__defaults__)

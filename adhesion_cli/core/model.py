@@ -88,6 +88,7 @@ class Quantity:
     minimum: float = 0.0
     maximum: float = float("inf")
     symbol: str = ""  # the papers' letter, spelled out: another name users may write
+    optional: bool = False  # NaN says that it is not known
 
     @property
     def range(self) -> str:

@@ -161,7 +161,7 @@ def comment_at(file: str, line: int) -> str:
 
 def range_of(q: Quantity) -> str:
     """The values that C accepts, without their unit."""
-    return q.range.removesuffix(f" {q.unit}")
+    return q.range.removesuffix(f" {q.unit}") + (", or NaN" if q.optional else "")
 
 
 def _notes(source: Any) -> tuple[str, ...]:

@@ -22,7 +22,10 @@ INLINE = "ADHESION_INLINE"  # the macro of a function that compilers put into it
 _HELPERS = {
     "min": "{real} {name}({real} a, {real} b)\n{{\n    return (b < a) ? b : a;\n}}",
     "max": "{real} {name}({real} a, {real} b)\n{{\n    return (b > a) ? b : a;\n}}",
+    "min_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}",
+    "max_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}",
     "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
+    "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
     "count": (
         "int32_t {name}({real} n, int32_t most)\n{{\n    int32_t count = 0; /* also for NaN */\n"
         "    if (n >= ({real})most) {{\n        count = most;\n    }} else if (n >= {one}) {{\n"
@@ -70,6 +73,7 @@ class Program:
         self.types = c_types.Types(prefix)
         self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
         self.functions: list[str] = []
+        self.read: set[tuple[str, str]] = set()  # struct and field
         self._helpers: set[str] = set()
 
     def function(self, f: FunctionType, kinds: tuple[Kind, ...]) -> Function:
@@ -161,6 +165,7 @@ class Expressions:
         if not isinstance(owner.kind, Struct):
             self.refuse(node, f"{node.attr} of something without fields")
         name = c_name(node.attr)
+        self.program.read.add((owner.kind.c, name))
         text = f"{owner.bracketed()}.{name}"
         if owner.address and not owner.address.startswith("&"):
             text = f"{owner.address}->{name}"
@@ -259,6 +264,9 @@ class Expressions:
         arguments = ", ".join(x.text for x in operands)
         if any(x.kind != self.real for x in operands):
             self.refuse(node, f"math.{name} of something that is no float")
+        if name in ("isfinite", "isnan"):
+            helper = self.program.helper(name.removeprefix("is"))
+            return Expr(f"{helper}({arguments})", BOOL, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
         return Expr(f"{name}{self.program.number.suffix}({arguments})", self.real, True)
@@ -279,12 +287,11 @@ class Expressions:
                 self.refuse(node, "abs of something that is no float")
             text = f"fabs{self.program.number.suffix}({arguments[0].text})"
             return Expr(text, self.real, True)
-        extreme, helper = arguments[0], self.program.helper(name)
-        for operand in arguments:
-            if operand.kind != self.real:
-                self.refuse(node, f"{name} of something that is no float")
+        extreme = arguments[0]
         for operand in arguments[1:]:
-            extreme = Expr(f"{helper}({extreme.text}, {operand.text})", self.real, True)
+            self._require_same_kind(node, extreme, operand)
+            helper = self.program.helper(f"{name}_int" if extreme.kind == INT else name)
+            extreme = Expr(f"{helper}({extreme.text}, {operand.text})", extreme.kind, True)
         return extreme
 
     def _struct(self, kind: Struct, members: list[Expr]) -> Expr:

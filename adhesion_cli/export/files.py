@@ -1,12 +1,13 @@
 """The files of an export, by name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
-from .. import __version__
+from .. import __version__, wsp
 from ..core import estimator, model, physics
 from ..core.errors import UserError, unknown
-from ..core.methods import validate
+from ..core.methods import Method, validate
+from ..wsp.wsp_controller import Settings, bands
 from . import pages, templates, vectors
 from .c_types import DOUBLE, SINGLE
 from .interface import WHEELSET_INPUTS, Interface
@@ -17,31 +18,40 @@ class Exported(NamedTuple):
 
     texts: dict[str, str]  # by file name; the first is the header
     samples: int  # in the test program
-    single_error: float  # largest error of the force in single precision [N]
+    single_error: float  # largest error of the answer in single precision [N]; of a slip [-]
+
+
+def methods() -> dict[str, Method]:
+    """Every method that C can have, by name: estimators, and controllers with parameters."""
+    laws = {name: m for name, m in wsp.controller.registry().items() if m.Params._fields}
+    return {**estimator.registry(), **laws}
 
 
 def names(algo: str) -> list[str]:
-    """The names of an export's files; a UserError for an unknown estimator."""
-    if algo not in (supported := estimator.registry()):
+    """The names of an export's files; a UserError for an unknown method."""
+    if algo not in (supported := methods()):
+        if algo in wsp.controller.registry():
+            text = f"{algo!r} has no parameters and no state: there is nothing to export"
+            raise UserError(text, f"known: {', '.join(supported)}", code=2)
         raise unknown("algorithm", algo, list(supported))
     return [f"adhesion_{algo}.h", f"adhesion_{algo}.c", f"test_{algo}.c", "Makefile", "README.md"]
 
 
 def export(
     algo: str,
-    settings: Mapping[str, Mapping[str, float]],
+    settings: Settings,
     vehicle: model.Vehicle,
     axle: int = 1,
     double: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Exported:
-    """The files of one estimator; a UserError for what is unknown, out of range or unstable.
+    """The files of one method; a UserError for what is unknown, out of range or unstable.
 
-    `settings` are parameters by the names of estimators; others have their defaults. `axle` is the
-    one whose wheel radius counts.
+    `settings` are parameters by the names of methods; others have their defaults. `axle` is the one
+    whose wheel radius counts.
     """
     names(algo)
-    method = estimator.registry()[algo]
+    method = methods()[algo]
     p = validate(method, settings.get(algo, {}))
     vehicle = vehicle.of_axle(axle)
     w = physics.wheelset(vehicle, 1)
@@ -50,7 +60,11 @@ def export(
     interface = Interface(method, p, tuple(wheelset_values.values()), number, __version__)
     code = interface.code()
     progress(f"running {algo} on {vectors.LOG}")
-    test_vectors = vectors.of_estimator(method, p, w, vehicle)
+    if isinstance(method, estimator.Estimator):
+        test_vectors = vectors.of_estimator(method, p, w, vehicle)
+    else:
+        bands(settings)
+        test_vectors = vectors.of_controller(method, p, settings, vehicle)
     if not double and test_vectors.missing_count:
         text = f"{algo}: no finite answer in single precision at {test_vectors.missing_count}"
         raise UserError(f"{text} samples of {vectors.LOG}", "leave out --float")
@@ -58,5 +72,5 @@ def export(
     program = pages.program(interface, test_vectors)
     makefile = templates.render("Makefile.jinja", interface=interface, deviations=pages.DEVIATIONS)
     texts = (code.header, code.source, program, makefile, readme)
-    error = max(test_vectors.single_errors(-1))
+    error = max(test_vectors.single_errors(-1 if interface.estimator else 0))
     return Exported(dict(zip(names(algo), texts, strict=True)), len(test_vectors.rows), error)

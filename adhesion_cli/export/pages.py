@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
 from ..core.physics import LEAST_SHARE, force_line
-from .c_types import DOUBLE, Number, flat, range_of
+from .c_types import DOUBLE, INT, Number, flat, range_of
 from .interface import WHEELSET_INPUTS, Code, Interface
 from .templates import render
 from .vectors import LOG, Vectors
@@ -42,20 +42,37 @@ def limits(vectors: Vectors, number: Number) -> list[float]:
 
 def program(interface: Interface, vectors: Vectors) -> str:
     """The text of the program."""
-    largest = limits(vectors, interface.number)
+    kinds, largest = dict(interface.now.fields), limits(vectors, interface.number)
+    names = interface.answers()
+    types = [INT.c if kinds[name] == INT else "double" for name in names]
+    answers = [
+        {"name": name, "c": c_type, "limit": limit}
+        for name, c_type, limit in zip(names, types, largest, strict=True)
+    ]
     return render(
         "test.c.jinja",
         interface=interface,
         log=LOG,
-        answers=dict(zip(interface.answers(), largest, strict=True)),
+        answers=answers,
         parameter=interface.params.fields[0][0],
-        rows=_rows(interface, vectors),
+        rows=_rows(interface, vectors, types),
     )
 
 
-def _rows(interface: Interface, vectors: Vectors) -> Iterator[str]:
-    for row, expected in zip(vectors.rows, vectors.expected, strict=True):
-        yield ", ".join([interface.literals(row), *map(DOUBLE.literal, expected)])
+def _rows(interface: Interface, vectors: Vectors, types: list[str]) -> Iterator[str]:
+    literal, exact = interface.number.literal, DOUBLE.literal
+    inputs = [kind == INT for _, kind in interface.given.fields]
+    for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):
+        if interface.estimator:
+            sample = interface.literals(row)
+        else:
+            fields = zip(row, inputs, strict=True)
+            sample = f"{{{', '.join(str(int(x)) if whole else literal(x) for x, whole in fields)}}}"
+        results = [
+            str(int(x)) if c_type == INT.c else exact(x)
+            for x, c_type in zip(expected, types, strict=True)
+        ]
+        yield ", ".join([literal(h), sample, *results])
 
 
 def readme(
@@ -82,6 +99,8 @@ def readme(
         least_share=LEAST_SHARE,
         deviations=DEVIATIONS,
         parameters=parameters(interface.method),
+        inputs={"h": interface.interval, **interface.inputs},
+        unread=set() if interface.estimator else set(interface.inputs) - code.read,
         line=force_line(vehicle),
         reals=numbers.count("real"),
         integers=len(numbers) - numbers.count("real"),

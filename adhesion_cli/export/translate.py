@@ -145,11 +145,13 @@ class _Body:
         return [*self._lines(head, depth, node.iter), *lines, "    " * depth + "}"]
 
     def _bound(self, count: ast.expr) -> Expr:
+        if isinstance(count, ast.Constant) and isinstance(count.value, int):
+            return self.expression(count)
         match count:
             case ast.Call(func=ast.Name(id="int"), args=[number]):
                 expression = self.expression(number)
             case _:
-                self.expression.refuse(count, "only range(int(x))")
+                self.expression.refuse(count, "only range(8) or range(int(x))")
         count_limit = self.f.__globals__.get("SUBSTEPS")
         if not isinstance(count_limit, float):
             self.expression.refuse(count, "the file states no SUBSTEPS, the bound of this loop")

@@ -2,20 +2,21 @@
 
 At each of its ticks it gets the train's speed and every axle's wheel speed and clamping force.
 `tick` does the rest. It is pure and plain. `closed_loop` compiles it into the loop around a
-simulated train.
+simulated train. `online` feeds it sample by sample from a log, a bus or a test rig.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core import physics
-from ..core.errors import unknown
+from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.estimator import registry as estimators
-from ..core.methods import Method, validate
+from ..core.methods import Method, bind, validate
 from ..core.model import Floats, Vehicle, Wheelset
 from ..core.physics import JUDGED_FROM, NO_FORCE, G, slip_over, wheelset_of
 from ..estimators.kalman import init as estimate_init
@@ -23,7 +24,7 @@ from ..estimators.kalman import step as estimate_step
 from ..rail import slope
 from ..rail.slope import init as slope_init
 from ..rail.slope import step as slope_step
-from .controller import APPLY, Observed
+from .controller import APPLY, DUMP, Drives, Observed
 from .controller import registry as controllers
 from .controllers.none import init as control_init
 from .controllers.none import step as control_step
@@ -170,7 +171,7 @@ def start(
 ) -> tuple[TrainEstimate, list[ControlledAxle]]:
     """The train and the state of every axle at the first tick.
 
-    `wheels` is from `initial_wheels`; the others are as in `tick`.
+    `wheels` is from `initial_wheels`, or from before an interruption; the others are as in `tick`.
     """
     k, total, fastest = slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
     sets, estimates = [], []
@@ -269,6 +270,59 @@ def choose(
     radii = np.array([x.value for x in vehicle.wheel_radius])
     w = physics.wheelset(vehicle, 1)
     return Chosen(est, chosen, Constants(w, radii, ep, sp, cp, speed_noise))
+
+
+def online(
+    unit: Chosen,
+    samples: Iterable[tuple[int, float | None, Sequence[float], Sequence[float]]],
+    drives: Sequence[Drives] = (),
+) -> Generator[list[int]]:
+    """The valves of every axle after each sample, as the samples arrive; needs no compiler.
+
+    A sample is (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
+    every axle), with rising time. It gives `controller.APPLY`, `HOLD` or `DUMP` of every axle,
+    which `drives` get, too.
+
+    After a sample with a value that is no number, both valves of every axle are at rest. The next
+    sample starts anew, with the known wheel radii. The valves are also at rest when the samples end
+    or fail, and when the iterator is closed. A feed that stops without an end needs a watchdog
+    behind `drives`.
+
+    Raises:
+        UserError: a sample with another number of axles, or not after the one before.
+    """
+    start_step, tick_step = (bind(f, unit.stand_ins()) for f in (start, tick))
+    c = unit.constants
+    train, wheels = TrainEstimate(math.nan, 0.0, NO_PILOT), list[Wheel]()
+    axles = list[ControlledAxle]()
+    previous: float = -math.inf
+    with ExitStack() as stack:
+        for drive in drives:
+            stack.callback(drive.set, False, False)
+        for t, measured, y, K in samples:
+            h, previous = (t - previous) * 1e-9, t
+            n = len(axles or drives or y)
+            if not len(y) == len(K) == n > 0 or len(c.radii) not in (1, n):
+                text = f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces, "
+                text += f"{len(c.radii)} wheel radii for {n} axles"
+                raise UserError(text, "one of each for every axle in every sample")
+            if h <= 0.0:
+                text = f"at {t} ns: not after the sample before"
+                raise UserError(text, "samples in order of time")
+            wheels = [axle.wheel for axle in axles] or wheels or initial_wheels(c, n)
+            v = math.nan if measured is None else measured
+            if all(map(math.isfinite, (*y, *K))) and (measured is None or math.isfinite(v)):
+                if axles:
+                    train, axles = tick_step(c, train, axles, h, v, y, K)
+                else:
+                    train, axles = start_step(c, wheels, v, y, K)
+                valves = [axle.controller.valve for axle in axles]
+            else:
+                wheels = [wheel._replace(free_time=0.0) for wheel in wheels]
+                axles, valves = [], [APPLY] * n
+            for drive, valve in zip(drives, valves, strict=bool(drives)):
+                drive.set(valve != APPLY, valve == DUMP)
+            yield valves
 
 
 def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:

@@ -17,7 +17,8 @@ def test_a_second_export_does_not_replace_the_first(run: Run, tmp_path: Path) ->
     assert run("export-c", "td", "-o", folder, "--force", "-q").returncode == 0
 
 
-def test_a_control_law_is_no_estimator(run: Run) -> None:
-    refused = run("export-c", "patent")
+def test_a_control_law_without_parameters_is_not_taken_for_another(run: Run) -> None:
+    refused = run("export-c", "none")
     assert refused.returncode == 2
+    assert "neso'" not in refused.stderr
     assert "kalman" in refused.stderr

@@ -16,9 +16,13 @@ from adhesion_cli.core import bundled, estimator
 from adhesion_cli.core.estimator import Sample
 from adhesion_cli.core.methods import Method, validate
 from adhesion_cli.core.model import Vehicle, quantities
+from adhesion_cli.export import files, vectors
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.wsp.controller import Observed
 
+METHODS = files.methods()
+VEHICLE = Vehicle()
 ESTIMATORS = estimator.registry()
 LOGS = sorted(p.name for p in bundled.folder("sample_logs").glob("*.[cm][sc][va]*"))
 
@@ -116,39 +120,82 @@ def test_an_estimator_on_random_inputs(compiled, name, data):
         assert c.has(state)
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", sorted(set(METHODS) - set(ESTIMATORS)))
+def test_a_control_law_on_a_log(compiled, name):
+    law, c = METHODS[name], compiled(name)
+    p = validate(law, {})
+    rows = vectors.of_controller(law, p, {}, VEHICLE).rows
+    state = law.init(p, Observed(*rows[0][1:]))
+    assert c.init(p, rows[0][1:]) == "OK"
+    valves = set()
+    for h, *observed in rows[1:]:
+        state = law.step(p, state, h, Observed(*observed))
+        assert c.step(h, observed) == "OK"
+        assert c.has(state)
+        valves.add(state.valve)
+    assert valves == {0, 1, 2}
+
+
+@pytest.mark.parametrize("name", sorted(set(METHODS) - set(ESTIMATORS)))
+@settings(max_examples=25)
+@given(data=st.data())
+def test_a_control_law_on_random_inputs(compiled, name, data):
+    law, c = METHODS[name], compiled(name)
+    p = data.draw(some(law))
+    q = quantities(Observed)
+    each = [st.floats(x.minimum, x.maximum) for x in q.values()]
+    near = [st.floats(x.minimum, min(x.maximum, 0.4)) if n == "slip" else s
+            for (n, x), s in zip(q.items(), each, strict=True)]  # fmt: skip
+    slope = list(q).index("slope")
+    near[slope] = st.one_of(st.just(math.nan), st.floats(-0.1, 0.1), each[slope])
+    near[-1] = st.integers(0, 2)
+    rows = data.draw(st.lists(st.tuples(st.floats(1e-6, 10.0), *near), min_size=2, max_size=12))
+    state = law.init(p, Observed(*rows[0][1:]))
+    assert c.init(p, rows[0][1:]) == "OK"
+    for h, *observed in rows[1:]:
+        state = law.step(p, state, h, Observed(*observed))
+        assert c.step(h, observed) == "OK"
+        assert c.has(state)
+
+
+@pytest.mark.parametrize("name", METHODS)
 def test_what_is_out_of_range_is_refused(compiled, name):
     """By a status; the state keeps every bit."""
-    est, c = ESTIMATORS[name], compiled(name)
-    p, known = est.Params(), [quantities(Sample)[x] for x in ("K", "y")]
-    good = [0.5 * (q.minimum + q.maximum) for q in known]
+    method, c = METHODS[name], compiled(name)
+    p, of = method.Params(), Observed if name not in ESTIMATORS else Sample
+    known = dict(list(quantities(of).items())[0 if of is Observed else 1 :])
+    good = [0.5 * (q.minimum + q.maximum) for q in known.values()]
     assert c.init(p, good) == "OK"
     assert c.step(0.01, good) == "OK"
     kept = bytes(c.memory)
-    for field, q in quantities(est.Params).items():
+    for field, q in quantities(method.Params).items():
         for bad in (
             math.nan,
             math.nextafter(q.minimum, -math.inf),
             math.nextafter(q.maximum, math.inf),
         ):
             assert c.init(p._replace(**{field: bad}), good) == "BAD_PARAMETER"
-    for i, q in enumerate(known):
-        bad = [math.nextafter(q.minimum, -math.inf), math.nextafter(q.maximum, math.inf)]
-        for x in [*bad, math.inf, math.nan]:
+    read = [i for i, x in enumerate(known) if of is Sample or (x in c.read and x != "at_least")]
+    for i in read:
+        q = list(known.values())[i]
+        bad = [math.nextafter(q.minimum, -math.inf), math.nextafter(q.maximum, math.inf), math.inf]
+        for x in [*bad, *([] if q.optional else [math.nan])]:
             assert c.step(0.01, [*good[:i], x, *good[i + 1 :]]) == "BAD_INPUT"
             assert c.init(p, [*good[:i], x, *good[i + 1 :]]) == "BAD_INPUT"
     for h in (0.0, -1.0, 11.0, math.nan, math.inf):
         assert c.step(h, good) == "BAD_INPUT"
-    assert c.init(p, good, W._replace(radius=2.0)) == "BAD_WHEELSET"
-    assert c.init(p, good, W._replace(a=2.0 * W.a)) == "BAD_WHEELSET"
+    if name in ESTIMATORS:
+        assert c.init(p, good, W._replace(radius=2.0)) == "BAD_WHEELSET"
+        assert c.init(p, good, W._replace(a=2.0 * W.a)) == "BAD_WHEELSET"
     assert bytes(c.memory) == kept
 
 
 @pytest.mark.parametrize("byte", [0x00, 0x3F, 0xA5, 0xFF])
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", METHODS)
 def test_a_state_without_init_is_refused(compiled, name, byte):
-    method, c = ESTIMATORS[name], compiled(name)
-    known = [quantities(Sample)[x] for x in ("K", "y")]
+    method, c = METHODS[name], compiled(name)
+    of = Sample if name in ESTIMATORS else Observed
+    known = list(quantities(of).values())[1 if of is Sample else 0 :]
     good = [0.5 * (q.minimum + q.maximum) for q in known]
     ctypes.memset(c.memory, byte, ctypes.sizeof(c.memory))
     assert c.step(0.01, good) == "NOT_BEGUN"

@@ -10,7 +10,7 @@ import pytest
 from helpers.c_library import tool
 from helpers.grids import thinned
 
-from adhesion_cli.core import estimator, physics
+from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import FrictionTable, Parameter, Vehicle
 from adhesion_cli.export import files, vectors
@@ -18,7 +18,7 @@ from adhesion_cli.export.c_types import DOUBLE
 from adhesion_cli.export.interface import Interface
 from adhesion_cli.export.translate import Translation
 
-METHODS = list(estimator.registry())
+METHODS = list(files.methods())
 
 
 @pytest.fixture(scope="session")
@@ -96,7 +96,7 @@ def test_a_32_bit_arm(exports, name, double):
 @pytest.mark.parametrize("name", METHODS)
 def test_the_library_asks_for_no_memory_and_has_no_variables(name, tmp_path):
     """Of the C library it needs mathematics only; its data segments are empty."""
-    method, w = estimator.registry()[name], physics.wheelset(Vehicle(), 1)
+    method, w = files.methods()[name], physics.wheelset(Vehicle(), 1)
     vehicle = (w.radius, w.phi, w.inertia, w.mass)
     code = Interface(method, method.Params(), vehicle, DOUBLE, "test").code()
     (tmp_path / f"adhesion_{name}.h").write_text(code.header, encoding="ascii")
@@ -226,6 +226,6 @@ def test_what_c_would_do_otherwise_is_refused(f, why):
     assert re.search(r"test_programs\.py:\d+: ", refused.value.text)
 
 
-def test_every_estimator_is_there():
-    assert sorted(METHODS) == ["gradient", "imm", "kalman", "leso", "neso", "td"]
+def test_every_estimator_and_both_laws_are_there():
+    assert sorted(METHODS) == ["gradient", "imm", "kalman", "leso", "neso", "patent", "rule", "td"]
     assert len(vectors.records(Vehicle())) == 4

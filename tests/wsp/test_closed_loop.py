@@ -4,11 +4,10 @@ import functools
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -199,9 +198,11 @@ def test_a_fourth_controller_is_one_file(fourth: Path, monkeypatch: pytest.Monke
     laws = registry()
     assert list(laws) == ["lazy", "none", "patent", "rule"]
     monkeypatch.setattr(wsp_controller, "controllers", lambda: laws)
+    switches = Switches()
     samples = [(k * 10**7, 9.0, [9.0 / 0.42], [1e3 * k]) for k in range(5)]
     chosen = wsp_controller.choose("lazy", "leso", {}, short().vehicle)
-    assert list(valves_of(chosen, samples)) == [[HOLD]] * 5
+    assert list(wsp_controller.online(chosen, samples, [switches])) == [[HOLD]] * 5
+    assert switches.seen == [(True, False)] * 5 + [(False, False)]
 
 
 @pytest.mark.parametrize(
@@ -223,41 +224,31 @@ def test_a_broken_controller_is_named(fourth: Path, change: tuple[str, str], say
 # --- the loop -----------------------------------------------------------------------------------
 
 
-def bound(f: Any, stand_ins: dict[Any, Any]) -> Any:
-    """The plain function, which calls others in place of some."""
-    names = {
-        name: stand_ins.get(x, x) if isinstance(x, FunctionType) else x
-        for name, x in f.__globals__.items()
-    }
-    return FunctionType(f.__code__, names)
+class Switches:
+    """A rig that remembers how its valves were switched."""
 
+    def __init__(self) -> None:
+        self.seen: list[tuple[bool, bool]] = []
 
-def valves_of(unit: wsp_controller.Chosen, samples: Iterable[Any]) -> Iterator[list[int]]:
-    """Valves after each sample (time [ns], v [m/s], ω [rad/s] and K [N] of each axle)."""
-    start, tick = (bound(f, unit.stand_ins()) for f in (wsp_controller.start, wsp_controller.tick))
-    c, state, previous = unit.constants, None, 0
-    for t, v, y, K in samples:
-        if state is None:
-            state = start(c, wsp_controller.initial_wheels(c, len(y)), v, y, K)
-        else:
-            state = tick(c, *state, (t - previous) * 1e-9, v, y, K)
-        previous = t
-        yield [axle.controller.valve for axle in state[1]]
+    def set(self, hold: bool, vent: bool) -> None:
+        self.seen.append((hold, vent))
 
 
 def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
     """Valves of a stop, which are those of the same unit fed with the stop's measured values."""
     s = replace(case("slippery-stop"), train=replace(case("slippery-stop").train, speed=9.0))
     s = replace(s, antiskid=replace(s.antiskid, train_speed=train_speed))
-    stop, is_estimated = closed_loop.run(s, controller, algo=algo), train_speed == "axles"
-    speed = [math.nan] * len(stop.t) if is_estimated else stop.measured_train_speed.tolist()
+    stop, switches = closed_loop.run(s, controller, algo=algo), [Switches() for _ in range(4)]
+    speed = [None] * len(stop.t) if train_speed == "axles" else stop.measured_train_speed.tolist()
     samples = zip(
         stop.t.tolist(), speed, stop.measured_wheel_speed.tolist(),
         stop.measured_clamping_force.tolist(), strict=True,
     )  # fmt: skip
     chosen = wsp_controller.choose(controller, algo, {}, s.vehicle, closed_loop.speed_noise(s))
-    valves = np.array(list(valves_of(chosen, samples)))
+    valves = np.array(list(wsp_controller.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
+    for seen, valve in zip(switches, valves.T.tolist(), strict=True):
+        assert seen.seen == [*((x != APPLY, x == DUMP) for x in valve), (False, False)]
     return valves
 
 
@@ -277,6 +268,81 @@ def test_sample_by_sample_is_the_compiled_loop(controller: str, train_speed: str
 def test_so_is_every_unit(controller: str, algo: str, train_speed: str) -> None:
     valves = fed_back(controller, algo, train_speed)
     assert (np.unique(valves).tolist() == [APPLY]) == (controller == "none")
+
+
+def test_a_sample_that_lacks_an_axle_is_refused() -> None:
+    chosen = wsp_controller.choose("rule", closed_loop.ESTIMATOR, {}, Vehicle())
+    whole = (0, 9.0, [20.0, 20.0], [1e3, 1e3])
+    for samples, text in (
+        (
+            [whole, (10**7, 9.0, [20.0], [1e3])],
+            "1 wheel speeds, 1 clamping forces, 1 wheel radii for 2 axles",
+        ),
+        (
+            [whole, (10**7, 9.0, [20.0] * 2, [1e3])],
+            "2 wheel speeds, 1 clamping forces, 1 wheel radii for 2 axles",
+        ),
+        (
+            [(0, 9.0, [20.0] * 2, [1e3])],
+            "2 wheel speeds, 1 clamping forces, 1 wheel radii for 2 axles",
+        ),
+        ([(0, 9.0, [], [])], "0 wheel speeds, 0 clamping forces, 1 wheel radii for 0 axles"),
+    ):
+        with pytest.raises(UserError, match=text):
+            list(wsp_controller.online(chosen, samples))
+
+
+@pytest.mark.parametrize("end", ["fails", "order", "drive", "closed"])
+def test_valves_rest_however_the_samples_end(end: str) -> None:
+    slide = [(10**7 * i, 20.0, [47.0 - 0.5 * i] * 2, [15e3] * 2) for i in range(40)]
+
+    class Broken(Switches):
+        def set(self, hold: bool, vent: bool) -> None:
+            super().set(hold, vent)
+            if vent:
+                raise OSError("no answer")
+
+    def samples() -> Iterator[Any]:
+        yield from slide
+        if end == "order":
+            yield slide[0]
+        raise OSError("the bus is off")
+
+    drives = [Switches(), Broken() if end == "drive" else Switches()]
+    valves = wsp_controller.online(
+        wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle()), samples(), drives
+    )
+    if end == "closed":
+        while next(valves) != [DUMP, DUMP]:
+            pass
+        valves.close()
+    else:
+        with pytest.raises((OSError, UserError)):
+            list(valves)
+    for drive in drives:
+        assert drive.seen[-2:] == [(True, True), (False, False)]
+
+
+def test_samples_out_of_order_and_missing_drives_are_refused() -> None:
+    chosen = wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle())
+    one = (0, 9.0, [20.0], [1e3])
+    with pytest.raises(UserError, match="not after"):
+        list(wsp_controller.online(chosen, [one, one]))
+    with pytest.raises(UserError, match="for 2 axles"):
+        list(wsp_controller.online(chosen, [one], [Switches()] * 2))
+
+
+@pytest.mark.parametrize("controller", ["patent", "rule"])
+def test_a_sample_that_is_no_number_is_forgotten(controller: str) -> None:
+    """The valves rest for it, and the unit answers to what comes after."""
+    chosen = wsp_controller.choose(controller, closed_loop.ESTIMATOR, {}, Vehicle())
+    slides = [(10**7 * i, 20.0, [47.0 - 0.5 * i], [15e3]) for i in range(40)]
+    for bad in ((math.nan, [45.5], [15e3]), (20.0, [math.nan], [15e3]), (20.0, [45.5], [math.inf])):
+        samples = [*slides[:3], (slides[3][0], *bad), *slides[4:]]
+        valves = list(wsp_controller.online(chosen, samples))
+        assert valves[3] == [APPLY]
+        assert valves[4:] == list(wsp_controller.online(chosen, slides[4:]))
+        assert [DUMP] in valves[4:]
 
 
 def test_peak_is_the_most_the_rail_gives() -> None:
@@ -351,6 +417,8 @@ def test_every_axle_has_the_radius_that_is_stated_for_it() -> None:
         chosen.constants, wsp_controller.initial_wheels(chosen.constants, 3), 20.0, y, [1e4] * 3
     )
     assert [x.controller.valve for x in axles] == [APPLY] * 3
+    with pytest.raises(UserError, match="3 wheel radii for 2 axles"):
+        list(wsp_controller.online(chosen, [(0, 20.0, y[:2], [0.0] * 2)]))
 
 
 def test_a_radius_is_found_only_where_the_wheel_rolls_unbraked() -> None:
