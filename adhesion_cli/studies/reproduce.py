@@ -2,14 +2,13 @@
 
 Wu, Peng, Li print the parameters (Table 1), the vehicle and the results (Table 2). They do not
 print the sample interval, how the methods start, or the meaning of "noise power" and "maximum
-error". `READINGS` lists our choices, `ALTERNATIVES` other ones. Both are measured in the same
-way, from logs of the same simulated brake.
+error". `READINGS` lists our choices; `benchmarks/readings.py` measures others.
 """
 
 import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from ..core import compiled
 from ..core.annotated import Json
 from ..core.document import tagged
 from ..core.estimator import registry
-from ..core.model import Floats, Result, Vehicle
+from ..core.model import Floats, Result
 from ..core.physics import wheelset
 from ..estimators import PAPER
 from ..results.wide_table import writer
@@ -45,7 +44,6 @@ _RESPONSE_BAND = 0.05  # a response time is the time to 95 %
 _ERROR_SECONDS = 2.0  # the maximum error is that of the last seconds [s]
 _SETTLING_SECONDS = 4.0  # of the varying condition that does not count [s]
 _COUNTED_SECONDS = 8.0  # and what does: whole periods of every frequency [s]
-_MATCH_SHARE = 0.25  # a maximum error this near the printed one, response as near, is found again
 
 READINGS = (
     "Sample interval 4 ms, not printed. It is the one at which the printed Kalman filter, whose "
@@ -69,43 +67,6 @@ READINGS = (
 
 
 @dataclass(frozen=True, slots=True)
-class PaperReading:
-    """One way to read the text, as far as it differs from `READINGS`."""
-
-    text: str
-    algos: tuple[str, ...]
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    interval: float = INTERVAL  # of the samples [s]
-    variance: float = POWER  # of each sample of the wheel speed [rad²/s²]
-    coasting: float = DELAY  # before the brake [s]
-    settled: bool = False  # the response time is that of settling
-    error_seconds: float = _ERROR_SECONDS  # seconds of which the maximum error is taken
-
-
-_ALL = tuple(PUBLISHED)
-_A = wheelset(Vehicle(), 1).a
-AS_READ = PaperReading("as read", _ALL)
-ALTERNATIVES = (
-    PaperReading("state not scaled: (9) as printed", ("leso", "neso"), {"beta2": 216.0 * _A}),
-    PaperReading("(14) as printed", ("gradient",), {"p": 10.0 * _A**2 / 4.0}),
-    PaperReading("noise power is a spectral density", _ALL, variance=POWER / INTERVAL),
-    PaperReading("sample interval 1 ms", _ALL, interval=1e-3),
-    PaperReading("sample interval 2 ms", _ALL, interval=2e-3),
-    PaperReading("sample interval 5 ms", _ALL, interval=5e-3),
-    PaperReading("started with the brake, delay not counted", _ALL, coasting=0.0),
-    PaperReading("settled within 5 %", ("leso", "neso", "gradient", "kalman"), settled=True),
-    PaperReading("maximum error of the last 4 s", _ALL, error_seconds=4.0),
-    PaperReading("started at y0", ("td",), {"from_zero": 0.0}),
-    PaperReading("h0 = 2h", ("td",), {"h0": 2.0 * INTERVAL}),
-    PaperReading("h0 = 3h", ("td",), {"h0": 3.0 * INTERVAL}),
-    PaperReading("h0 = 4h", ("td",), {"h0": 4.0 * INTERVAL}),
-    PaperReading("exact steps", ("td", "leso", "neso", "gradient"), {"euler": 0.0}),
-    PaperReading("kept alive by process noise q = 1e-5", ("kalman",), {"q": 1e-5}),
-    PaperReading("R = 100, not the noise's", ("kalman",), {"R": 100.0 * INTERVAL / 1e-3}),
-)
-
-
-@dataclass(frozen=True, slots=True)
 class Reproduction:
     """Everything that was measured."""
 
@@ -121,32 +82,29 @@ def reproduce(
     Fewer of the seeds of the noise are used where it matters little.
     """
     progress("constant adhesion")
-    alternatives = list[Json]()
-    for reading, algo in [(x, algo) for x in ALTERNATIVES for algo in x.algos]:
-        measured = _measure_constant(reading, algo, seeds[:10])
-        about = {"reading": reading.text, "condition": "constant", "algo": algo}
-        alternatives.append({**about, **measured})
-    constant = {algo: _table_2(algo, seeds, alternatives) for algo in PUBLISHED}
+    constant = {
+        algo: {
+            **measure_constant(algo, seeds),
+            "paper_response_s": response,
+            "paper_max_error_n": error,
+        }
+        for algo, (response, error) in PUBLISHED.items()
+    }
     progress("varying adhesion")
-    varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
+    varying = {algo: measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
     progress("analysing one log of each")
     exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
     as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
     printed_settings = Settings(analysis=exact, overrides=as_printed)
     results = (
-        _analyze_scenario("constant.mcap", _constant(DELAY), printed_settings),
+        _analyze_scenario("constant.mcap", constant_scenario(), printed_settings),
         _analyze_scenario("varying.mcap", _swinging(0.5), printed_settings),
     )
-    measured = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
-    text = "kept alive by process noise q = 1e-5"
-    alternatives.append({"reading": text, "condition": "varying", "algo": "kalman", **measured})
     document = {
         **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
         "conditions": {"constant": constant, "varying": varying},
         "readings": list(READINGS),
-        "alternatives": alternatives,
-        "unmatched": [a for a, row in constant.items() if row["max_error_matched_by"] is None],
     }
     return Reproduction(document, results)
 
@@ -168,35 +126,28 @@ def printed(algo: str, interval: float) -> dict[str, float]:
 # --- constant condition -------------------------------------------------------------------------
 
 
-def _table_2(algo: str, seeds: Sequence[int], alternatives: Sequence[Json]) -> Json:
-    """One row of Table 2 with the printed one, and a reading that gives its error."""
-    row = _measure_constant(AS_READ, algo, seeds)
-    response, error = PUBLISHED[algo]
-    tried = [{"reading": AS_READ.text, **row}, *(a for a in alternatives if a["algo"] == algo)]
-    matching = (
-        a["reading"]
-        for a in tried
-        if abs(abs(a["max_error_n"]) / abs(error) - 1.0) <= _MATCH_SHARE
-        and a["response_s"] is not None
-        and abs(a["response_s"] / response - 1.0) <= _MATCH_SHARE
-    )
-    printed_row = {"paper_response_s": response, "paper_max_error_n": error}
-    return {**row, **printed_row, "max_error_matched_by": next(matching, None)}
+def measure_constant(
+    algo: str,
+    seeds: Sequence[int],
+    scenario: Scenario | None = None,
+    parameters: Mapping[str, float] | None = None,
+    settles: bool = False,
+    error_seconds: float = _ERROR_SECONDS,
+) -> Json:
+    """Response time and maximum error, each with the interval that holds 95 % of the seeds.
 
-
-def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) -> Json:
-    """Response time and maximum error, each with the interval that holds 95 % of the seeds."""
-    settled = reading.settled or algo == "td"
-    parameters = {**printed(algo, reading.interval), **reading.parameters}
+    Scenario and `parameters` are as read, if not stated. With `settles`, as of td, the response
+    time is that of settling. The error is the largest of the last `error_seconds`.
+    """
+    scenario, parameters = scenario or constant_scenario(), parameters or printed(algo, INTERVAL)
     responses, errors = [], []
     for seed in seeds:
-        scenario = _with_sensors(_constant(reading.coasting), reading.interval, reading.variance)
         t, F, steady = _estimate(scenario, seed, algo, parameters)
         error, band = F - steady[-1], _RESPONSE_BAND * steady[-1]
-        final_error = error[t > t[-1] - reading.error_seconds]
+        final_error = error[t > t[-1] - error_seconds]
         errors.append(float(final_error[np.argmax(np.abs(final_error))]))
         reached = error >= -band
-        if settled:  # and for good
+        if settles or algo == "td":  # and for good
             reached = np.logical_and.accumulate((np.abs(error) <= band)[::-1])[::-1]
         responses.append(float(t[np.argmax(reached)] - t[0]) if reached.any() else np.inf)
     if len({e > 0.0 for e in errors}) > 1:
@@ -214,11 +165,14 @@ def _interval(values: Sequence[float]) -> list[float]:
     return [float(x) for x in np.percentile(values, [2.5, 97.5])]
 
 
-def _constant(coasting: float) -> Scenario:
+def constant_scenario(
+    coasting: float = DELAY, interval: float = INTERVAL, variance: float = POWER
+) -> Scenario:
     """The paper's first condition, the brake applied after some coasting."""
     scenario = simulate.load("paper-constant")
     command = replace(scenario.brake.command[0], at=coasting)
-    return _with_sensors(replace(scenario, brake=replace(scenario.brake, command=(command,))))
+    scenario = replace(scenario, brake=replace(scenario.brake, command=(command,)))
+    return _with_sensors(scenario, interval, variance)
 
 
 def _with_sensors(s: Scenario, interval: float = INTERVAL, variance: float = POWER) -> Scenario:
@@ -273,7 +227,7 @@ def _swinging(frequency: float) -> Scenario:
     return _with_sensors(s)
 
 
-def _measure_varying(
+def measure_varying(
     algo: str, seeds: Sequence[int], changed: Mapping[str, float] | None = None
 ) -> Json:
     """Rmse, lag and gain at the scenario's own frequency, and lag and gain over frequency."""

@@ -12,6 +12,8 @@ from helpers.commands import in_process
 
 from adhesion_cli.cli.reproduce import report
 from adhesion_cli.core import estimator, methods
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.physics import wheelset
 from adhesion_cli.studies import reproduce
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -27,11 +29,6 @@ def made() -> reproduce.Reproduction:
     return reproduce.reproduce()
 
 
-def alternative(document: dict, algo: str, begins: str) -> dict:
-    found = [a for a in document["alternatives"] if a["algo"] == algo]
-    return next(a for a in found if a["reading"].startswith(begins))
-
-
 def test_response_times_of_table_2(made: reproduce.Reproduction) -> None:
     rows = made.document["conditions"]["constant"]
     ours = {algo: rows[algo]["response_s"] for algo in TABLE_2}
@@ -45,32 +42,20 @@ def test_response_times_of_table_2(made: reproduce.Reproduction) -> None:
     assert sorted(ours, key=ours.__getitem__) == sorted(TABLE_2, key=lambda a: TABLE_2[a][0])
 
 
-def test_maximum_errors_are_matched_or_said_not_to_be(made: reproduce.Reproduction) -> None:
+def test_maximum_errors_are_near_the_printed_ones(made: reproduce.Reproduction) -> None:
     rows = made.document["conditions"]["constant"]
     for algo in ("leso", "neso", "kalman"):
         assert abs(rows[algo]["max_error_n"]) == pytest.approx(abs(TABLE_2[algo][1]), rel=0.25)
-        assert rows[algo]["max_error_matched_by"] == "as read"
     assert rows["kalman"]["max_error_n"] < 0.0
-    assert rows["td"]["max_error_matched_by"] == "h0 = 3h"
-    assert made.document["unmatched"] == ["gradient"]
-    tried = [a["max_error_n"] for a in made.document["alternatives"] if a["algo"] == "gradient"]
-    assert all(abs(x) < 0.75 * 25.0 or abs(x) > 1.25 * 25.0 for x in tried)
 
 
-def test_other_readings_give_what_the_specification_calculated(
-    made: reproduce.Reproduction,
-) -> None:
-    document = made.document
-    assert alternative(document, "leso", "state not scaled")["response_s"] is None
-    assert alternative(document, "gradient", "(14) as printed")["response_s"] is None
-    assert alternative(document, "neso", "noise power is a spectral")["max_error_n"] > 200.0
-    assert alternative(document, "td", "started at y0")["response_s"] < 0.15
-    started = alternative(document, "leso", "started with the brake")["response_s"]
-    assert started == pytest.approx(2.98, abs=0.01)
-    blind = document["conditions"]["varying"]["kalman"]
-    alive = [a for a in document["alternatives"] if a["condition"] == "varying"]
-    assert [a["algo"] for a in alive] == ["kalman"]
-    assert alive[0]["rmse_n"] < 0.6 * blind["rmse_n"]
+def test_another_reading_gives_what_the_page_says() -> None:
+    """As printed, the state of LESO is slow; a filter step of three intervals calms td."""
+    slow = reproduce.printed("leso", 4e-3) | {"beta2": 216.0 * wheelset(Vehicle(), 1).a}
+    assert reproduce.measure_constant("leso", [1], parameters=slow)["response_s"] is None
+    calm = reproduce.printed("td", 4e-3) | {"h0": 12e-3}
+    error = reproduce.measure_constant("td", range(1, 6), parameters=calm)["max_error_n"]
+    assert abs(error) == pytest.approx(TABLE_2["td"][1], rel=0.25)
 
 
 def test_varying_condition_reduces_and_delays(made: reproduce.Reproduction) -> None:
