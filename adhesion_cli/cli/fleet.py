@@ -24,7 +24,7 @@ _OPTIONS = "config set_ dbc algo reference axle from_ to json force strict".spli
 
 
 @shared(*_OPTIONS)
-def command(  # noqa: PLR0913 (one option each)
+def command(
     paths: Annotated[list[str], typer.Argument(metavar="PATH", help="Logs, folders, globs, URLs.")],
     shared: Shared,
     out: Annotated[
@@ -36,9 +36,6 @@ def command(  # noqa: PLR0913 (one option each)
     scheduler: Annotated[
         str | None, option("--scheduler", "tcp://HOST:PORT", "Work on this Dask cluster.")
     ] = None,
-    recordings: Annotated[
-        bool, option("--recordings", None, "Also write MCAP and Rerun of each log.")
-    ] = False,
     summary: Annotated[
         bool,
         option(
@@ -65,17 +62,17 @@ def command(  # noqa: PLR0913 (one option each)
 
     count = workers or threads.max_threads
     with closing(Cluster(scheduler) if scheduler else Processes(count)) as pool:
-        code = _run(paths, shared, out or _FOLDER, pool, recordings)
+        code = _run(paths, shared, out or _FOLDER, pool)
     if summary and out and not shared.json:
         code = max(code, _summary([str(out)], shared))
     return code
 
 
-def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: bool) -> int:
+def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers") -> int:
     import time
 
     from ..core.document import dumps, tagged
-    from ..fleet.dataset import RECORDINGS, Dataset
+    from ..fleet.dataset import Dataset
     from ..fleet.locations import find
     from ..fleet.run import run
     from ..results import atomic_files
@@ -83,7 +80,7 @@ def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: 
 
     begin = time.perf_counter()
     atomic_files.refuse_url(out)
-    job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
+    job, logs = _job(shared), find(paths)
     dataset = Dataset(out, job.settings, job.version)
     state = run(logs, job, dataset, pool, shared.force, terminal.campaign(shared.quiet, len(logs)))
     seconds = time.perf_counter() - begin
@@ -100,7 +97,7 @@ def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: 
     return 3 if state.failed or state.lossy else 0
 
 
-def _job(shared: Shared, recordings: Path | None) -> "Job":
+def _job(shared: Shared) -> "Job":
     """What is the same for every log, after a check of options and settings."""
     from .. import __version__
     from ..analysis.settings import stated_tables
@@ -113,11 +110,10 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
     tree |= {"can": {"dbc": dbc}} if dbc else {}  # a worker may have another folder
     algos, axles = tuple(dict.fromkeys(shared.algo)), tuple(dict.fromkeys(shared.axle))
     window = (shared.from_, shared.to)
-    folder = os.path.abspath(recordings) if recordings else ""
     job = Job(tree, shared.strict, algos, axles, window, __version__)
     hashes = [sha256(Path(name).read_bytes()).hexdigest() for name in dbc if os.path.isfile(name)]
     depends = job.depends() | ({"dbc": hashes} if hashes else {})
-    return job._replace(settings=hashed(depends), recordings=folder)
+    return job._replace(settings=hashed(depends))
 
 
 def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:

@@ -24,7 +24,6 @@ from ..results.tables import LogRow
 
 OF_RESULTS = ("applications", "stops", "estimators", "findings")
 TABLES = (*OF_RESULTS, "logs")
-RECORDINGS = "recordings"
 SETTINGS = "settings"  # a file for each hash, with what it is of
 _DIGITS = 16  # of the hash
 _PARQUET = dataset.ParquetFileFormat(
@@ -56,7 +55,7 @@ class Dataset:
         try:
             for folder in folders:
                 folder.mkdir(parents=True, exist_ok=True)
-            atomic_files.sweep([*folders, *self._folder.glob(RECORDINGS)])
+            atomic_files.sweep(folders)
             file = self._folder / SETTINGS / f"{self._settings}.json"
             with atomic_files.outputs([file], True) as (place,):
                 place.write_text(json.dumps(settings, indent=1, sort_keys=True), encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..core.errors import UserError, installed_by
 from ..core.text import printable
 from ..formats.open import FORMATS
-from .dataset import RECORDINGS, TABLES
+from .dataset import TABLES
 
 _TEXT = (".csv", ".tsv", ".txt", ".asc", ".log", ".lvm")
 _COMPRESSED = (".gz", ".xz", ".bz2")
@@ -82,7 +82,7 @@ def _files(name: str) -> list[Path]:
 def _walk_folder(folder: Path) -> Iterator[Path]:
     for directory, folders, files in os.walk(folder):
         if {*folders} >= {*TABLES}:  # a fleet's results
-            folders[:] = [x for x in folders if x not in (*TABLES, RECORDINGS)]
+            folders[:] = [x for x in folders if x not in TABLES]
         folders[:] = sorted(x for x in folders if not x.startswith("."))
         yield from (Path(directory, file) for file in sorted(files) if _is_log(file))
 

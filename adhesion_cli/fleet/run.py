@@ -54,7 +54,7 @@ def run(
     items = []
     for digest, same_logs in named.items():
         item, rows = same_logs[0]._replace(sha256=digest), existing.get(digest, [])
-        if force or not _complete(item, job, rows):
+        if force or not rows or rows[0].status == "error":  # what failed is tried again
             items.append(item)
             continue
         state.skipped += len(same_logs)
@@ -95,14 +95,6 @@ def _identified(
             named.setdefault(digest, []).append(log)
         progress(state)
     return named
-
-
-def _complete(item: LogLocation, job: Job, rows: Sequence[LogRow]) -> bool:
-    """Whether a log has its results: what failed is tried again."""
-    if not rows or rows[0].status == "error":
-        return False
-    files = work.recordings(item, job) if rows[0].rows_used else []  # stops alone have none
-    return all(path.exists() for path in files)
 
 
 def _names(same_logs: Iterable[LogLocation], rows: Iterable[LogRow]) -> tuple[str, ...]:

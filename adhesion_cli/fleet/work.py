@@ -11,14 +11,13 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from ..analysis import outputs, settings
+from ..analysis import settings
 from ..analysis.analyze import analyze, evaluate
 from ..analysis.summarise import summarise
 from ..core import annotated, bundled, errors, threads
 from ..core.summary import FailedLog, ResultSummary
-from ..core.text import printable
 from ..formats.open import check_kind
-from ..results import atomic_files, tables
+from ..results import tables
 from ..results.tables import LogRow
 from .dataset import OF_RESULTS
 from .locations import LogLocation, local
@@ -40,11 +39,10 @@ class Job(NamedTuple):
     window: tuple[float | None, float | None]  # seconds after each log's start, from and to
     version: str  # of this program
     settings: str = ""  # hash of what `depends` gives
-    recordings: str = ""  # folder for recordings, empty for none
 
     def depends(self) -> annotated.Json:
         """All that a result depends on, except the log and the version."""
-        excluded = {"version", "settings", "recordings"}
+        excluded = {"version", "settings"}
         return {name: value for name, value in self._asdict().items() if name not in excluded}
 
 
@@ -110,29 +108,15 @@ def warm() -> None:
         summarise(analyze(folder / name, default, axles=axles, train_speed=True), {})
 
 
-def recordings(log: LogLocation, job: Job) -> list[Path]:
-    """The recordings of a log, none if not asked for: by the name of the log and its content."""
-    if not job.recordings:
-        return []
-    name = f"{printable(outputs.stem(log.name))}-{log.sha256[:16]}-{job.settings}"
-    return [Path(job.recordings, f"{name}.adhesion{suffix}") for suffix in (".mcap", ".rrd")]
-
-
 def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    name, flags = log.name, {"strict": job.strict, "several_loggers": True}
+    flags = {"strict": job.strict, "several_loggers": True}
     settings_of_job = settings.load(job.stated, (), False, **flags)
     evaluated = evaluate(path, settings_of_job, job.algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != log.sha256:
         hint = "run again when the logger has closed it"
         raise errors.UserError(f"{evaluated.log.path}: the file changed during the run", hint)
-    summary = evaluated.summary
-    summary = replace(summary, log=summary.log._replace(path=name))
-    if result := evaluated.result:
-        result = replace(result, log=replace(result.log, path=name))
-        if files := recordings(log, job):
-            files[0].parent.mkdir(parents=True, exist_ok=True)
-            with atomic_files.sets([files], True, sweeps=False) as (places,):
-                outputs.write_results(places, [result], [summary])
+    log_summary = evaluated.summary.log._replace(path=log.name)
+    summary = replace(evaluated.summary, log=log_summary)
     by_name = {name: tables.of_results(name, [summary]) for name in OF_RESULTS}
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
 

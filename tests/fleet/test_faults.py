@@ -145,25 +145,6 @@ def test_a_killed_worker_costs_no_log(logs: Path, expected: dict[str, bytes]) ->
     assert content(out) == expected
 
 
-def test_recordings_are_written_and_missing_ones_are_made(logs: Path) -> None:
-    out, log = logs.parent / "recorded", logs / "stop-000.csv"
-    for skipped in (0, 1):
-        made = subprocess.run(
-            command(log, out, "--recordings", "--json"), check=True, capture_output=True, text=True
-        )
-        assert json.loads(made.stdout)["skipped"] == skipped
-    found = sorted(path.suffix for path in out.glob("recordings/stop-000-*"))
-    assert found == [".mcap", ".rrd", ".sha256"]
-    next(out.glob("recordings/*.rrd")).unlink()
-    subprocess.run(command(log, out, "--recordings", "-q"), check=True)
-    assert len(list(out.glob("recordings/*.rrd"))) == 1
-    shown = subprocess.run(
-        [sys.executable, "-m", "adhesion_cli", "inspect", *out.glob("recordings/*.mcap")],
-        check=False, capture_output=True, text=True,
-    )  # fmt: skip
-    assert shown.returncode == 0
-
-
 def test_what_starts_first_compiles_all_that_logs_need(tmp_path: Path) -> None:
     code = """
 import sys

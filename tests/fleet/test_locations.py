@@ -17,7 +17,7 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "logs/read.me",
         "logs/a.adhesion.mcap", "logs/.hidden/e.csv", "logs/.adhesion-12.part", "logs/odd.out",
         "logs/out/logs/x.csv", "logs/out/applications/x.csv", "logs/out/findings/x.csv",
-        "logs/out/estimators/x.csv", "logs/out/stops/x.parquet", "logs/out/recordings/x.mcap",
+        "logs/out/estimators/x.csv", "logs/out/stops/x.parquet",
     ):  # fmt: skip
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)

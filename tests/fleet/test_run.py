@@ -17,7 +17,7 @@ from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import FailedLog
 from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import LogLocation, find
-from adhesion_cli.fleet.run import FleetProgress, _complete, run
+from adhesion_cli.fleet.run import FleetProgress, run
 from adhesion_cli.fleet.work import Job, analysed
 from adhesion_cli.fleet.workers import Processes
 from adhesion_cli.results import tables
@@ -150,13 +150,6 @@ def test_an_axle_that_a_log_does_not_have_is_an_error(logs: Path) -> None:
     item = LogLocation("once.csv", str(log), hash_of(log.read_bytes()).hexdigest())
     row = analysed(item, JOB._replace(axles=(7,))).row
     assert (row.status, row.error) == ("error", "once.csv: no axle 7")
-
-
-def test_stops_alone_need_no_recording(tmp_path: Path) -> None:
-    item = LogLocation("train.csv", "train.csv", "ab")
-    job = JOB._replace(recordings=str(tmp_path))
-    assert _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=0)])
-    assert not _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=900)])
 
 
 def test_a_second_run_tries_only_what_failed(
