@@ -84,7 +84,7 @@ def _without_value(
         brief_turn_finding = "no-reference", "warning"
     return {
         "standstill": ("info", ~turning & ~locked),
-        "wheel-locked": ("info", locked),
+        "wheel-locked": ("warning", locked),
         "traction": ("info", driven),
         brief_turn_finding[0]: (brief_turn_finding[1], brief_turns),
     }

@@ -15,6 +15,7 @@ from ..core.model import Z95, IdentifiedVehicle, LogBrake, Vehicle
 from ..core.physics import friction_change
 from ..formats.memory import Signals
 from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
+from ..train.mean_axle import move_axles
 
 _FEWEST_OF_DRIFT = 6  # runs that show a drift
 _LEAST_DRIFT = 0.08  # of the brake force, from the first to the last third of the runs
@@ -64,8 +65,7 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     vehicles = [common] * len(logs)
     if common.source == "default" or len(logs) < 2:
         return vehicles
-    used_settings = replace(settings, vehicle=common.vehicle)
-    runs = [GroupedRun(x.path, find_log_brake(x, used_settings)) for x in logs]
+    runs = [GroupedRun(x.path, _brake_of(x, common, settings)) for x in logs]
     groups = [part for group in group_by_friction(runs) for part in _without_drift(group, runs)]
     effects = common.speed_effects.values() if common.source == "log" else ()
     if any(friction_change(x, settings.vehicle) for x in effects):
@@ -74,13 +74,22 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     brakes = [run.brake for run in runs]
     for group in groups if len(groups) > 1 else ():
         group_vehicle = identify([logs[place - 1] for place in group.places], settings)
-        group_settings = replace(settings, vehicle=group_vehicle.vehicle)
         for place in group.places:
             vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
             if len(group.places) > 1:
-                brakes[place - 1] = find_log_brake(logs[place - 1], group_settings)
+                brakes[place - 1] = _brake_of(logs[place - 1], group_vehicle, settings)
     pairs = zip(vehicles, brakes, strict=True)
     return [_holding_own_brake(x, brake, settings.vehicle) for x, brake in pairs]
+
+
+def _brake_of(
+    log: AlignedLog, identified: IdentifiedVehicle, settings: Settings
+) -> LogBrake | None:
+    """The brake that one log shows, over that of the vehicle of all logs at this log's load."""
+    vehicle = identified.vehicle
+    if log.vehicle != settings.vehicle and identified.mean_axle:
+        vehicle = move_axles(log.vehicle, *identified.mean_axle)
+    return find_log_brake(log, replace(settings, vehicle=vehicle))
 
 
 def _holding_own_brake(

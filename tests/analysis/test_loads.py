@@ -54,6 +54,7 @@ def test_empty_and_loaded_logs_of_one_train(tmp_path: Path) -> None:
     truths = [written(paths[0], 9500, 1.5), written(paths[1], 15000, 3.8)]
     stated = load(CAR, {"load": LOAD})
     together = identify_together(paths, stated)
+    assert {x.logs for x in together if x} == {2}  # the loads differ, the brake does not
     for path, truth, mass, vehicle in zip(paths, truths, (9500, 15000), together, strict=True):
         for identified in (None, vehicle):
             result = analyze(path, stated, ["td"], identified=identified)
