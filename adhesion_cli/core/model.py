@@ -287,6 +287,14 @@ def columns_at(x: Any, rows: slice | NDArray[np.int64] | Bools) -> dict[str, Any
     return {name: column[rows] for name, column in columns if isinstance(column, np.ndarray)}
 
 
+class SpeedsAlone(NamedTuple):
+    """The speeds of an axle and its train where the brake is not known, (n,) each."""
+
+    t: Times
+    wheel_speed: Floats  # [rad/s]
+    train_speed: Floats  # NaN where not known [m/s]
+
+
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -325,6 +333,7 @@ class AxleRecord:
     motor_clamping_smooth: Floats | None = None  # interpolated at t
     motor_sigma: Floats | None = None  # standard uncertainty of their force at the rim [N]
     traction_known: bool = False  # whether a motor that drives is in it, too
+    speeds_alone: SpeedsAlone | None = None  # at times that are none of the record's
 
     def __len__(self) -> int:
         return len(self.t)

@@ -15,7 +15,7 @@ from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]
 END_SLIP = 0.01  # slip at which a slide is over
-_ROLLS = END_SLIP / 2.0  # a wheel that slips less rolls, whatever the error
+ROLLS = END_SLIP / 2.0  # a wheel that slips less rolls, whatever the error
 SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
 _VENTED = 0.8  # of the largest brake force in a lock: less at its end lets the wheel turn
 _SHORTEST_REGION = 0.5  # least duration of a region that is an event [s]
@@ -121,7 +121,7 @@ class _Extent:
         self.segment, self.t, self.s = segment, t, s
         self.seconds: Floats = (t - t[0]) * np.float64(1e-9)
         self.interval = float(np.median(np.diff(self.seconds))) if len(t) > 1 else 0.0
-        levels = s, s + np.minimum(self.error, _ROLLS)
+        levels = s, s + np.minimum(self.error, ROLLS)
         self.rolling = [np.flatnonzero(~(x > END_SLIP)) for x in levels]  # samples in no slide
 
     def measured(self, slide: Slide, earliest: int, end: int) -> Slide:

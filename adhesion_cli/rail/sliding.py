@@ -4,6 +4,7 @@ import numpy as np
 
 from ..core.masks import runs_within
 from ..core.model import AxleRecord, AxleResult, Floats
+from ..core.physics import SLIDE
 from . import events
 from .events import END_SLIP, Slide
 from .speed_errors import CLEAR_SIGMAS, has_uncertain_delay, speed_error
@@ -33,16 +34,43 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     columns = record.segments, record.t, record.train_speed, s, certain, axle.reference.force
     is_lower_bound = record.train_speed_made or has_uncertain_delay(record)
     depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
-    error = None
-    if not is_lower_bound:
-        by_radius = CLEAR_SIGMAS * axle.radius_share * np.clip(1.0 - s, 0.0, 1.0)
-        error = np.hypot(s - certain, by_radius)
+    error = None if is_lower_bound else lasting_error(axle, s)
     for x in events.slides(*columns, is_lower_bound, depth, axle.reference.brake, error):
         earlier_t = record.t[: x.samples.start]
         brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
         if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():
             slides.append(x)
     return slides
+
+
+def possible_begin(axle: AxleResult, start: int, earliest: int) -> tuple[int, int]:
+    """First and last sample at which the first slide may begin, which is seen at sample `start`.
+
+    A slide that the error of the slip hides may begin before it, from the sample `earliest` on. As
+    its slip crosses `END_SLIP`, the error moves the begin.
+    """
+    s = axle.slip
+    assert s is not None  # there is no slide without
+    error = lasting_error(axle, s)
+    if axle.slip_noise is not None:
+        error = np.hypot(error, CLEAR_SIGMAS * axle.slip_noise)
+    first, t = start, axle.record.t
+    for run in runs_within(s + error > SLIDE, [slice(earliest, start)]):
+        if t[run.stop - 1] - t[run.start] > 1e9 * events.SHORTEST_SLIDE:
+            first = run.start
+            break
+    rolls = ~(s + np.minimum(error, events.ROLLS) > END_SLIP)
+    rolling = earliest + np.flatnonzero(rolls[earliest:first])
+    surely = start + np.flatnonzero(s[start:] - error[start:] > END_SLIP)
+    last = int(surely[0]) if len(surely) else start
+    return int(rolling[-1]) + 1 if len(rolling) else earliest, last
+
+
+def lasting_error(axle: AxleResult, s: Floats) -> Floats:
+    """Expanded error of a slip by the train speed's delay and the wheel's radius, shape (n,)."""
+    by_radius = CLEAR_SIGMAS * axle.radius_share * np.clip(1.0 - s, 0.0, 1.0)
+    error: Floats = np.hypot(s - certain_slip(axle.record, s), by_radius)
+    return error
 
 
 def certain_slip(record: AxleRecord, s: Floats) -> Floats:

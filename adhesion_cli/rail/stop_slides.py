@@ -2,7 +2,7 @@
 
 The initial adhesion is the mean µ of the first `_BEGIN` seconds of the first slide, as EN 15595
 means it (its text was not at hand). Its expanded uncertainty is that of the force there, and of the
-begin, which slip shows late or early where the rail changes. Errors of
+begin: it has every mean from the first to the last moment at which the slide may begin. Errors of
 neighbouring samples are taken as the same, so the mean has their mean uncertainty. While the
 brake force is larger than the adhesion force, the wheel's deceleration shows only the difference
 of both, and an error of the brake force goes whole into the adhesion force: without a stated
@@ -22,6 +22,7 @@ from ..core.summary import AxleStop, BrakeApplication, StopSummary, largest_slip
 from ..reference.budget import coefficient_u95
 from .events import over_locks
 from .locks import LockLimits, locks_of_axle
+from .sliding import possible_begin
 
 _BEGIN = 0.1  # over which the initial adhesion is a mean [s]
 
@@ -65,7 +66,8 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     locks = [lock for lock in all_locks if begin <= t[lock.samples.start] <= end]
     longest = max(locks, key=lambda lock: lock.duration, default=None)
     first_start = min((s.start_s for s in inside), default=math.nan)
-    initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
+    brake_start = max(begin, min(a.start_s for a in applications))
+    initial, initial_u95 = _initial_coefficient(t, first_start, brake_start, axle, vehicle)
     utilisation, utilisation_ci = _utilisation(applications)
     lock_energy = math.nan
     if longest:
@@ -86,29 +88,26 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
 
 
 def _initial_coefficient(
-    t: Floats, start: float, axle: AxleResult, train: Vehicle
+    t: Floats, start: float, brake_start: float, axle: AxleResult, train: Vehicle
 ) -> tuple[float, float] | tuple[None, None]:
-    """Mean µ at the begin of a slide, and its expanded uncertainty."""
+    """Mean µ at the begin of the first slide, and its expanded uncertainty."""
     reference, vehicle = axle.reference, train.of_axle(axle.record.axle)
-    rows = np.flatnonzero(
-        (t >= start) & (t <= start + _BEGIN) & np.isfinite(reference.force + reference.sigma)
-    )
+    known = np.isfinite(reference.force + reference.sigma)
+    rows = np.flatnonzero((t >= start) & (t <= start + _BEGIN) & known)
     if not len(rows):
         return None, None
-    begin, weight = reference.rows(rows), vehicle.axle_mass.value * G
-    force = float(np.mean(begin.force))
-    u95 = Z95 * math.hypot(float(np.mean(begin.sigma)), float(np.mean(begin.tolerance)))
+    first, weight = reference.rows(rows), vehicle.axle_mass.value * G
+    force = float(np.mean(first.force))
+    u95 = Z95 * math.hypot(float(np.mean(first.sigma)), float(np.mean(first.tolerance)))
+    places = (int(x) for x in np.searchsorted(t, [start, brake_start]))
+    earliest, latest = t[[*possible_begin(axle, *places)]]
     late = max(_BEGIN, 2.0 * float(np.median(np.diff(t))))  # slip shows the begin so late, or early
-    shifted = [_between(t, reference.force, start + x, start + x + _BEGIN) for x in (-late, late)]
-    u95 = math.hypot(u95, *(abs(x - force) / 2.0 for x in shifted if math.isfinite(x)))
-    together = 0.0 if begin.mass is None else float(np.mean(begin.mass))
+    starts = np.arange(min(earliest, start - late), max(latest, start + late), _BEGIN / 2.0)
+    edges = np.stack([starts, starts + _BEGIN])
+    means = np.mean(np.interp(edges, t[known], reference.force[known]), axis=0)
+    u95 = math.hypot(u95, float(np.max(np.abs(means - force))))
+    together = 0.0 if first.mass is None else float(np.mean(first.mass))
     return force / weight, coefficient_u95(u95, force, vehicle, together) / weight
-
-
-def _between(t: Floats, x: Floats, start: float, stop: float) -> float:
-    """Mean of what is known between two times, by lines between samples."""
-    known = np.isfinite(x)
-    return float(np.mean(np.interp([start, stop], t[known], x[known]))) if known.any() else math.nan
 
 
 def _utilisation(

@@ -19,6 +19,7 @@ from ..core.model import (
     Floats,
     Meaning,
     Parameter,
+    SpeedsAlone,
     Times,
     Vehicle,
 )
@@ -120,6 +121,7 @@ def _axle(
         saturated=last_value >= limit if limit is not None else None,
         pressure_zero=brake.zero if is_pressure else Parameter(0.0, 0.0),
         wheel_period_step=speed.period_step,
+        speeds_alone=_speeds_alone(speed, train, times, inside & ~fresh),
     )
     if motors:
         step_force, line_force, sigma = (x[in_segment] for x in motors[:3])
@@ -127,6 +129,17 @@ def _axle(
     smooth_pressure = smooth if is_pressure else None
     axle = AxleChannels(record, speed, brake, train, smooth_pressure, chosen.vehicle, motors)
     return axle.clamped(), faults
+
+
+def _speeds_alone(
+    speed: Channel, train: Channel | None, times: SampleTimes, without_brake: Bools
+) -> SpeedsAlone | None:
+    """The speeds at the times of the wheel speed at which the brake is not known, (n,)."""
+    if not without_brake.any():
+        return None
+    v = times.interpolate(train) if train else np.full(len(times.t), np.nan)
+    wheel = speed.data
+    return SpeedsAlone(wheel.t[without_brake], wheel.value[without_brake], v[without_brake])
 
 
 def _motor_force(

@@ -233,7 +233,7 @@ def _speed_errors(
         "speed delay": {
             "distance": x.v0 * delay_sigma,
             "duration": delay_sigma,
-            "response": response_by_speed * delay_sigma,
+            "response": response_by_speed * (not signals.wheels_show_begin) * delay_sigma,
         },
         "speed noise": {"v0": 1.5 * smooth.noise / math.sqrt(fitted), "distance": noise},
     }

@@ -10,8 +10,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
-from ..core.physics import STANDING
+from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Times, Vehicle
+from ..core.physics import STANDING, with_fade
 from ..core.signals import in_order, means_around, median_of_five, robust_sigma
 from ..rail.speed_errors import CLEAR_SIGMAS, delay_sigma, has_uncertain_delay, unknown_delay
 from ..rail.wheel_calibration import calibrate_radius
@@ -26,6 +26,7 @@ _COMMANDS: tuple[Meaning, ...] = ("brake_command", "emergency", "brake_pipe")
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
+GAP = 5.0  # a longer interval, over the usual one, is a gap
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
 _HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
@@ -68,12 +69,19 @@ class StopSignals(NamedTuple):
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
     radius_shares: Mapping[int, float] = {}  # by axle, 1 sigma of the wheel's radius
+    # by axle, the clamping force with what friction changes of it, where the vehicle is known
+    clamping: Mapping[int, TimeSeries] = {}
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
 
     @property
     def by_wheels(self) -> bool:
         """Whether the wheels give the shape of the speed."""
         return self.speed_from == "axles" or self.is_coarse is not None
+
+    @property
+    def wheels_show_begin(self) -> bool:
+        """Whether the wheels show when the train begins to slow: its own speed may be late."""
+        return self.by_wheels or (bool(self.rims) and not self.knows_delay)
 
     def coarse_interval(self, t: float) -> float:
         """The interval of a slow speed where no wheel shows its shape [s]; else 0."""
@@ -95,24 +103,29 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     rims, radius_shares = {}, {}
     for r in records:
         radius = calibrate_radius(r, vehicle)[0] if measured else vehicle.radius(r.axle)
-        rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns)
+        alone = r.speeds_alone and r.speeds_alone.wheel_speed * radius.value
+        rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns, alone)
         radius_shares[r.axle] = radius.tolerance / radius.value
     scale, sigma, is_coarse = UNKNOWN_SCALE, 0.0, None
     if measured and base.train_speed is not None:
-        train = TimeSeries(*in_order(_seconds(base, start_ns), base.train_speed))
+        alone = base.speeds_alone and base.speeds_alone.train_speed
+        train = _with_alone(base, base.train_speed, start_ns, alone)
         sigma = delay_sigma(base)
         if base.train_speed_interval > FAST:
             train, is_coarse = _shaped(train, rims, base.train_speed_interval)
     else:
         radius = vehicle.radius(base.axle)
         train, scale = _fastest(rims, rims[base.axle].t), radius.share
-    ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
+    ends = [_seconds(r.t, start_ns)[r.saturated] for r in records if r.saturated is not None]
     pressure_delay = base.pressure_late
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
+    by_friction = (with_fade(r, vehicle) for r in records)
+    clamping = {r.axle: _on_segments(r, r.clamping_force, start_ns) for r in by_friction}
     if pressure_delay.value > 0.0:  # no train slows before its brakes act
-        brakes = {
-            axle: TimeSeries(x.t - pressure_delay.value, x.value) for axle, x in brakes.items()
-        }
+        brakes, clamping = (
+            {axle: TimeSeries(x.t - pressure_delay.value, x.value) for axle, x in columns.items()}
+            for columns in (brakes, clamping)
+        )
     return StopSignals(
         train,
         "train" if measured else "axles",
@@ -127,6 +140,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
         radius_shares=radius_shares,
+        clamping=clamping,
         knows_delay=not (measured and has_uncertain_delay(base)),
         **_logged(log),
     )
@@ -200,18 +214,32 @@ def _logged(log: Log) -> dict[str, Any]:
     }
 
 
-def _seconds(record: AxleRecord, start_ns: int) -> Floats:
-    return (record.t - start_ns) * np.float64(1e-9)
+def _seconds(t: Times, start_ns: int) -> Floats:
+    return (t - start_ns) * np.float64(1e-9)
 
 
-def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
-    """A channel of an axle with NaN between its segments, which nothing may cross."""
-    t, value = _seconds(record, start_ns), x.astype(np.float64)
-    times, values = [], []
-    for s in record.segments:
-        times.append(np.append(t[s], t[s][-1] + 1e-6))
-        values.append(np.append(value[s], np.nan))
-    return TimeSeries(*in_order(np.concatenate(times), np.concatenate(values)))
+def _with_alone(record: AxleRecord, x: Floats, start_ns: int, alone: Floats | None) -> TimeSeries:
+    """A speed of an axle; `alone` are its values where the brake is not known."""
+    t, value = record.t, x.astype(np.float64)
+    if record.speeds_alone is not None and alone is not None:
+        t, value = np.append(t, record.speeds_alone.t), np.append(value, alone)
+    return TimeSeries(*in_order(_seconds(t, start_ns), value))
+
+
+def _on_segments(
+    record: AxleRecord, x: Floats, start_ns: int, alone: Floats | None = None
+) -> TimeSeries:
+    """A channel of an axle with NaN between its segments, which nothing may cross.
+
+    A speed goes on where the brake is not known, `alone`.
+    """
+    series = _with_alone(record, x, start_ns, alone)
+    ends = _seconds(record.t[[s.stop - 1 for s in record.segments]], start_ns)
+    if alone is not None:
+        interval = np.diff(series.t)
+        ends = series.t[np.append(interval > GAP * np.median(interval), True)]
+    t, value = np.append(series.t, ends + 1e-6), np.append(series.value, np.full(len(ends), np.nan))
+    return TimeSeries(*in_order(t, value))
 
 
 def _shaped(

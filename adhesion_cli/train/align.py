@@ -123,6 +123,10 @@ def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:
     record = replace(record, train_speed_late=delay)
     if delay.value:
         data = replace(train.data, t=train.data.t - round(delay.value * 1e9))
-        v = SampleTimes(record.t).interpolate(replace(train, data=data))
+        shifted_train = replace(train, data=data)
+        v = SampleTimes(record.t).interpolate(shifted_train)
         record = replace(record, train_speed=v)
+        if alone := record.speeds_alone:
+            v = SampleTimes(alone.t).interpolate(shifted_train)
+            record = replace(record, speeds_alone=alone._replace(train_speed=v))
     return axle._replace(record=record)

@@ -3,6 +3,7 @@
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from adhesion_cli.analysis import settings
@@ -58,3 +59,28 @@ def test_the_setting_of_a_valve_without_a_number_states_no_axle(tmp_path: Path) 
     _, setting = shlex.split(finding.names["setting"].strip("`"))
     with pytest.raises(UserError, match="is no axle and no bogie"):
         settings.load(None, [setting], folder=False)
+
+
+@pytest.mark.parametrize("axles", [[1], [1, 2, 3, 4]])
+def test_a_stop_whose_pressure_has_outliers_is_measured_by_its_speed(
+    axles: list[int], tmp_path: Path
+) -> None:
+    """2 s of a broken pressure sensor leave speed and distance as they are."""
+    sample = SAMPLES / "low-adhesion.csv"
+    head, *lines = sample.read_text(encoding="utf-8").splitlines()
+    table = np.array([line.split(",") for line in lines])
+    t = table[:, 0].astype(float)
+    for axle in axles:
+        table[(t > 14.0) & (t < 16.0), axle] = "9.90"
+    log = tmp_path / "broken.csv"
+    log.write_text("\n".join([head, *map(",".join, table.tolist()), ""]), encoding="utf-8")
+    stated = settings.load(None, ["analysis.vehicle=stated"], folder=False)
+    (whole,), (broken,) = (
+        summarise(result, {}).stops
+        for result in (analyze(path, stated, ["td"]) for path in (sample, log))
+    )
+    assert broken.valid
+    assert whole.distance_m is not None
+    assert broken.distance_m is not None
+    assert broken.distance_m.value == pytest.approx(whole.distance_m.value, rel=1e-3)
+    assert broken.coefficient is not None

@@ -168,7 +168,9 @@ def test_a_log_without_a_command_has_the_dead_time_of_the_other_logs(
         lines = [f"time [s],train speed [km/h],bc pressure axle 1 [bar]{head}"]
         for k in range(900):
             t = k / 20.0
-            v, p = (min(max(x, 0.0), 1.0) for x in (1.0 - (t - 11.5) / 22.0, (t - 10.6) / rise))
+            since = max(t - 10.6, 0.0)
+            p = min(since / rise, 1.0)
+            v = max(1.0 - (p * since - rise * p**2 / 2.0) / 22.0, 0.0)
             lines.append(f"{t},{80.0 * v:.2f},{3.0 * p:.2f}" + f",{int(t >= 10.0)}" * bool(head))
         (tmp_path / f"{name}.csv").write_text("\n".join([*lines, ""]))
     _, (alone,) = (

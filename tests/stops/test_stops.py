@@ -432,6 +432,29 @@ def test_another_brake_in_the_build_up_has_the_response_of_the_deceleration(
     assert measured(both._replace(rims={1: slid}))[0].response_time_s is None
 
 
+@pytest.mark.parametrize(
+    ("other", "begin", "source"),
+    [(0.8, 0.0, "deceleration"), (0.5, 0.0, "brakes"), (0.5, T_A + 0.4, "brakes")],
+)
+def test_a_brake_without_a_channel_has_the_response_of_the_deceleration(
+    other: float, begin: float, source: str
+) -> None:
+    """No finding says that it acts. Where the train slows as the pressure says, it does not."""
+    x, _ = signals(v0=22.0)
+    t = x.speed.t
+    rise = np.clip((t - ON - begin) / 0.3, 0.0, 1.0)
+    slowing = (1.0 - other) * brake_share(t) + other * rise
+    noise = np.random.default_rng(4).normal(0.0, 0.02, len(t))
+    v = np.maximum(22.0 - np.cumsum(slowing) / 50.0, 0.0)
+    wheel = TimeSeries(t, v + noise * (v > 0.0))
+    by_wheel = x._replace(speed=wheel, rims={1: wheel}, delay_sigma=0.2, knows_delay=False)
+    (stop,) = measured(by_wheel)
+    assert stop.response_from == source
+    assert stop.response_time_s is not None
+    true = (1.0 - other) * (T_A + T_B) / 2.0 + other * (begin + 0.15)
+    assert abs(stop.response_time_s.value - true) < max(stop.response_time_s.u95, 0.1) < 1.0
+
+
 def test_another_brake_before_the_command_leaves_the_response_of_the_brakes() -> None:
     x, _ = signals()
     earlier = Finding("other-brake", "warning", spans=((ON - 9.0, ON - 1.0),))
@@ -458,7 +481,9 @@ def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
 def test_axles_that_brake_before_the_rest_of_the_train_show_no_response() -> None:
     x, _ = signals()
     (stop,) = measured(x._replace(others_later=True))
-    assert (stop.delay_s, stop.response_from) == (None, "deceleration")
+    assert stop.response_from == "deceleration"
+    assert stop.delay_s is not None
+    assert abs(stop.delay_s.value - T_A - 0.1 * (T_B - T_A)) < stop.delay_s.u95 < 0.2
     assert stop.response_time_s is not None
     assert stop.response_time_s.value == pytest.approx((T_A + T_B) / 2.0, abs=0.07)
     assert stop.pressure_bar == pytest.approx(3.0, abs=0.01)
