@@ -72,14 +72,9 @@ _TEXTS = {
         "delimiter": "between two cells",
         "decimal": "mark of decimals",
         "encoding": "of the text, as `gb18030`",
-        "max_unpacked": "largest gzipped CSV, unpacked [bytes]",
     },
     "key of `xlsx`": {"sheet": "that is read; else the first with columns of numbers"},
     "key of `can`": {"dbc": 'files that say which signals the frames hold, as `["brake.dbc"]`'},
-    "key of `mcap`": {
-        "max_inflated": "largest chunk, inflated [bytes]; all of a file: 1000 times its size more",
-        "max_record": "largest record [bytes]; schemas, channels and JSON messages: 1/32 of it",
-    },
 }
 _STOPS = (
     "Of `stops`, and of the stops in every result. Locks and the largest slip have one definition "

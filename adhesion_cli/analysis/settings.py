@@ -54,9 +54,8 @@ _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 # In words, because a shell takes some of these marks for its own.
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|", "point": "."}
 READ_KEYS: Tree[str, dict[str, type]] = {  # of the sections on how logs are read
-    "csv": {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int},
+    "csv": {"header": bool, "delimiter": str, "decimal": str, "encoding": str},
     "xlsx": {"sheet": str},
-    "mcap": {"max_inflated": int, "max_record": int},
     "can": {"dbc": list},
 }
 TIME_KEYS = {"channel": str, "unit": str, "source": str}

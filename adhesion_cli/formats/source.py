@@ -49,9 +49,9 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user stated about a log, and what reading may cost.
+    """What the user stated about a log.
 
-    They come from the TOML's `[channels]`, `[csv]`, `[xlsx]`, `[mcap]` and `[can]`, and from flags.
+    They come from the TOML's `[channels]`, `[csv]`, `[xlsx]` and `[can]`, and from flags.
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
@@ -73,14 +73,6 @@ class ReadOptions:
     named_channels: tuple[str, ...] = ()  # in [channels]; the sheet with most of them is read
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
-    max_unpacked: int = 1 << 32  # bytes of one compressed text log; it is read in blocks
-    max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
-    max_record: int = 1 << 27  # bytes one MCAP record may declare
-
-    @property
-    def max_part(self) -> int:
-        """Bytes of one MCAP schema, channel or JSON message, which take many times that read."""
-        return max(self.max_record // 32, 1 << 16)
 
 
 def damaged(path: Path, description: str, reason: str) -> UserError:

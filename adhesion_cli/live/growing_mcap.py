@@ -19,7 +19,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Column
 from ..formats.mcap.reader import McapSource
-from ..formats.mcap.records import HEADER, MAGIC, RAISE_LIMIT, DamageError, LogFile, written
+from ..formats.mcap.records import HEADER, MAGIC, DamageError, LogFile, written
 from ..formats.mcap.series import Owners
 from ..formats.source import Field, ReadOptions, Source
 from .feed import PAUSE, TICK, AddSource, Feed, FeedRow, rows_of
@@ -39,7 +39,7 @@ class GrowingMcap(Feed):
         self._id: tuple[int, int] | None = None
         self._fields: dict[tuple[str, str, str], Field] = {}
         self._restart()
-        with LogFile(path, options.max_record):
+        with LogFile(path):
             pass
 
     def _restart(self) -> None:
@@ -121,7 +121,7 @@ class GrowingMcap(Feed):
     def _arrived(self) -> bool:
         """Reads whole records on, if there are not many yet; whether there are new messages."""
         try:
-            file = LogFile(self._path, self._options.max_record)
+            file = LogFile(self._path)
         except UserError:
             return self._has_messages  # it may come again
         with file, suppress(DamageError):  # where it becomes shorter, it is another one next time
@@ -142,10 +142,6 @@ class GrowingMcap(Feed):
         self._has_ended = opcode in _END_OPCODES
         if self._has_ended or not opcode:  # the latter is room that was made
             return False
-        limit = self._options.max_record
-        if length > limit and opcode != Opcode.ATTACHMENT:
-            text = f"{self._path}: byte {self._offset}: a record of {length} bytes, limit {limit}"
-            raise UserError(text, RAISE_LIMIT.format("max_record", length))
         stop = self._offset + HEADER.size + length
         if stop > file.size:
             return False

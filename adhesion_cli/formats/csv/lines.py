@@ -266,7 +266,6 @@ class Lines:
 
     path: Path
     dialect: Dialect
-    max_inflated: int
     is_unfinished: bool = False  # the last line has no line end
     damage: str = ""  # of a packed file; the rows before it are read
 
@@ -274,7 +273,7 @@ class Lines:
         """The rows in blocks, in order.
 
         Raises:
-            UserError: where a line has no end, or the file inflates too far.
+            UserError: where a line has no end.
         """
         splitter = Splitter(self.path, self.dialect, self.dialect.first_line - 1)
         yield from filter(None, map(splitter.add, self._bytes()))
@@ -283,15 +282,10 @@ class Lines:
             yield block
 
     def _bytes(self) -> Iterator[bytes]:
-        file, total = PackedFile(self.path), -self.dialect.bom
+        file, mark = PackedFile(self.path), self.dialect.bom
         for block in file.blocks():
-            yield block[max(-total, 0) :]
-            total += len(block)
-            if file.is_packed and total > self.max_inflated:
-                limit = self.max_inflated
-                limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
-                hint = f"if the log is trusted, raise the limit: --set csv.max_unpacked={8 * limit}"
-                raise UserError(f"{self.path}: inflates to more than {limit_text}", hint)
+            yield block[mark:]
+            mark = max(mark - len(block), 0)
         self.damage = file.damage
 
 

@@ -227,7 +227,7 @@ def read_rows(
         UserError: where no row has a time, another header stands among the rows, or the file
             cannot be read.
     """
-    lines = Lines(table.path, table.dialect, table.options.max_unpacked)
+    lines = Lines(table.path, table.dialect)
     rows = UsedRows(table, keys, wanted)
     columns: dict[int, NDArray[Any]] = {}
     words: dict[int, list[str]] = {i: [] for i in texts}

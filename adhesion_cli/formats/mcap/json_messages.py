@@ -10,45 +10,35 @@ import orjson
 from .columns import Decoder, DecodingFault, Faults, Places
 from .fields import Steps, Tree, UndecodableError, nodes, path
 
+_LONGEST = 1 << 22  # bytes of a message, which takes up to twenty times that when it is read
 _NUMERIC_TYPES = (int, float, dict, list)  # of what is a number, or may hold some
-
-
-def _loads(raw: bytes) -> Tree:
-    """A JSON text; NaN and Infinity are numbers in it, which Python writes."""
-    try:
-        return orjson.loads(raw)
-    except orjson.JSONDecodeError as e:
-        reason = e.msg
-    if (b"NaN" in raw or b"Infinity" in raw) and b"\\ud" not in raw.lower():
-        with suppress(ValueError, RecursionError):
-            return json.loads(raw, parse_int=float)
-    raise UndecodableError(f"not JSON: {reason}")
 
 
 class JsonDecoder(Decoder):
     """JSON messages of one channel, with or without a JSON schema.
 
-    A message may have `limit` bytes; it takes up to twenty times that when it is read.
-
     Raises:
         UndecodableError: where the schema is no JSON object.
     """
 
-    def __init__(self, schema: bytes, limit: int) -> None:
-        self._limit = limit
+    def __init__(self, schema: bytes) -> None:
         try:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
             raise UndecodableError(f"JSON schema: {e}") from None
 
     def parse(self, message: bytes) -> Tree:
-        """See Decoder."""
-        if len(message) > self._limit:
-            raise UndecodableError(
-                f"a JSON message of {len(message)} bytes, limit {self._limit}; if the log is "
-                f"trusted, raise it with --set mcap.max_record={32 * len(message)}"
-            )
-        return _loads(message)
+        """See Decoder; NaN and Infinity are numbers, which Python writes."""
+        if len(message) > _LONGEST:
+            raise UndecodableError(f"a JSON message of {len(message)} bytes, limit {_LONGEST}")
+        try:
+            return orjson.loads(message)
+        except orjson.JSONDecodeError as e:
+            reason = e.msg
+        if (b"NaN" in message or b"Infinity" in message) and b"\\ud" not in message.lower():
+            with suppress(ValueError, RecursionError):
+                return json.loads(message, parse_int=float)
+        raise UndecodableError(f"not JSON: {reason}")
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The property `unit` (or `units`) that the JSON schema states for the field."""

@@ -181,7 +181,7 @@ class McapSource(Source):
         self.metadata, self.account = walk.metadata, walk.account()
         self.report(*self._of_walk())
         self._series = grouped(walk)
-        self.report(*discover(self._series, options, self.owners))
+        self.report(*discover(self._series, self.owners))
         self.fields = [_field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()]
         texts = ((s, p, leaf) for s in self._series for p, leaf in s.texts.items())
         self.texts = [replace(_field(*text), words=text[2].words) for text in texts]

@@ -9,7 +9,7 @@ from typing import Any
 from mcap.records import Schema
 
 from ...core.finding import Finding, Severity
-from ..source import MOST_WORDS, ReadOptions, distinct_words
+from ..source import MOST_WORDS, distinct_words
 from . import fields
 from .columns import Decoder
 from .fields import Leaf, Stamp, Steps, Tree, UndecodableError, node_at, path
@@ -80,7 +80,7 @@ _Decoders = dict[tuple[str, int], Decoder]  # by encoding and schema
 Owners = dict[str, tuple[Steps, tuple[Tree, ...]]]  # by topic: where they are named, and who
 
 
-def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iterator[Finding]:
+def discover(series: list[Series], owners: Owners) -> Iterator[Finding]:
     """Finds the numbers in the first messages of all series that have messages.
 
     One whose messages have several owners becomes a series of each; `owners` gets the new ones.
@@ -90,7 +90,7 @@ def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iter
     for s in series:
         trees: list[Tree] = []
         if s.rows:
-            yield from _look(s, trees, decoders, options)
+            yield from _look(s, trees, decoders)
         owned_series = _by_owner(s, trees, owners) if trees else []
         for part, its_trees in owned_series:
             part.tree = fields.typical(its_trees)
@@ -120,13 +120,11 @@ def _by_owner(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series
     return owned_series
 
 
-def _look(
-    s: Series, trees: list[Tree], decoders: _Decoders, options: ReadOptions
-) -> Iterator[Finding]:
+def _look(s: Series, trees: list[Tree], decoders: _Decoders) -> Iterator[Finding]:
     """Finds the decoder of a series, and adds its first messages that decode to the trees."""
     key = s.encoding, s.schema_id
     try:
-        s.decoder = decoders.get(key) or _decoder(s, options)
+        s.decoder = decoders.get(key) or _decoder(s)
         if s.decoder is None:
             kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
             yield s.finding("mcap-encoding", "info", encoding=kind)
@@ -144,13 +142,13 @@ def _look(
         yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
 
 
-def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
+def _decoder(s: Series) -> Decoder | None:
     schema = s.schema
     if s.encoding == "json":
         from .json_messages import JsonDecoder
 
         text = schema.data if schema and schema.encoding == "jsonschema" else b""
-        return JsonDecoder(text, options.max_part)
+        return JsonDecoder(text)
     if schema is None and s.encoding in _NEED_SCHEMA:
         raise UndecodableError("the file does not define its schema")
     kind = s.encoding, schema.encoding if schema else ""

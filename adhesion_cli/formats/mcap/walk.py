@@ -1,6 +1,7 @@
 """One linear walk over an MCAP file, which believes nothing unchecked: what it defines and holds.
 
-Every CRC and every inflated size is compared. Indexes are not read: walking finds all records.
+The CRCs and inflated sizes of all data are compared. Of what follows the data, only definitions and
+the number of messages are read: walking finds all records.
 """
 
 from collections import Counter
@@ -10,16 +11,14 @@ from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
+from mcap.records import Channel, DataEnd, Header, Metadata, Schema, Statistics
 
 from ...core.errors import UserError
 from ...core.model import RECOVERED
 from ..source import ReadOptions
-from . import records as file_records
-from .records import HEADER, MAGIC, BlockReader, DamageError, LogFile, RecordBlock, Records
+from .records import HEADER, MAGIC, PIECE, DamageError, LogFile, RecordBlock, Records, decoded
 
 _STRICT = "without --strict, `adhesion convert` writes what is whole as a new file"
-_LONGEST_NAME = 4096  # characters of a topic
 _HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
 _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is kept
 
@@ -48,7 +47,6 @@ class FirstMessages:
 
 
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 
 
 class Walk:
@@ -72,17 +70,13 @@ class Walk:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._first_messages = FirstMessages()
-        self._data_end = 0
-        self._statistics: tuple[int, Statistics] | None = None  # with their offset
-        with self._open_file() as self._file:
-            self._reader = BlockReader(self._file, options)
+        self._stated_count: int | None = None  # messages
+        with LogFile(path, content) as self._file:
             if self._file.read(0, min(self._file.size, len(MAGIC))) != MAGIC:
                 text = f"{path}: byte 0: not an MCAP file (wrong magic bytes)"
                 raise UserError(text, "give an MCAP log; a CSV log must not be named .mcap")
             self._walk()
-            if self._statistics and not self.damage:
-                self._compare(*self._statistics)
-        self.compressions = self._reader.compressions
+        self.compressions = self._file.compressions
         self.heads = self._first_messages.of  # by channel: log time of the first, first messages
         #: Messages of channels that the file defines, and of others.
         self.rows = sum(n for channel, n in self.counts.items() if channel in self.channels)
@@ -100,8 +94,7 @@ class Walk:
     @property
     def lost_count(self) -> int:
         """Messages that the statistics count and that are not whole; 0 without statistics."""
-        stated_count = self._statistics[1].message_count if self._statistics else 0
-        return max(stated_count - self.counts.total(), 0)
+        return max((self._stated_count or 0) - self.counts.total(), 0)
 
     def account(self) -> str:
         """What a copy must say about itself, as its fresh CRCs hide all; "" for a sound file."""
@@ -123,10 +116,9 @@ class Walk:
             UserError: where a block has changed.
         """
         try:
-            with self._open_file() as file:
-                reader = BlockReader(file, self._options)
+            with LogFile(self.path, self._content) as file:
                 for block in self.blocks:
-                    yield block, reader.records(block)
+                    yield block, file.records(block)
         except DamageError:
             raise self.changed() from None
 
@@ -136,9 +128,6 @@ class Walk:
 
     # ------------------------------------------------------------------ the walk
 
-    def _open_file(self) -> LogFile:
-        return LogFile(self.path, self._options.max_record, self._content)
-
     def _note(self, damage: DamageError) -> None:
         # A traceback would keep alive what the frames in it hold: a chunk's inflated bytes.
         damage.__traceback__ = damage.__context__ = None
@@ -147,98 +136,71 @@ class Walk:
             raise self._error(damage) from damage
 
     def _error(self, damage: DamageError, hint: str = _STRICT) -> UserError:
-        return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
+        return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
 
     def _walk(self) -> None:
         """Walks up to the footer or a record without an end, past a damaged whole one."""
-        offset, opcode = len(MAGIC), 0
+        offset, opcode, has_ended = len(MAGIC), 0, False
         while opcode != Opcode.FOOTER:
             try:
                 opcode, length = self._file.head(offset)
             except DamageError as damage:
-                self._note(damage)
+                if not has_ended:  # else nothing is lost
+                    self._note(damage)
                 return
             next_record = offset + HEADER.size + length
-            if offset == len(MAGIC) and opcode != Opcode.HEADER:
-                self._note(DamageError(offset, "first record is no header"))
             try:
-                if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not self._data_end:
+                if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not has_ended:
                     next_record = self._run(offset, next_record)
-                else:
-                    self._record(opcode, offset, length)
+                elif opcode in _DEFINITIONS:  # those of a damaged chunk are here once more
+                    self._define(opcode, self._file.read(offset + HEADER.size, length), offset)
+                elif opcode == Opcode.STATISTICS and has_ended:
+                    self._compare(offset, self._file.record(Statistics, offset, length))
+                elif opcode == Opcode.FOOTER and not has_ended:
+                    raise DamageError(offset, "no end of the data section before the footer")
+                elif not has_ended:
+                    has_ended = self._record(opcode, offset, length)
             except DamageError as damage:
                 self._note(damage)
             offset = next_record
+        if (excess := self._file.size - offset - len(MAGIC)) > 0:
+            text = f"{excess} bytes after the end, not read: cut two joined files apart there"
+            self._note(DamageError(offset + len(MAGIC), text))
 
-    def _record(self, opcode: int, offset: int, length: int) -> None:
-        # A wrong byte can make an end of data of another record.
-        is_in_data = bool(self.damage) or not self._data_end
-        if opcode == Opcode.CHUNK and is_in_data:
+    def _record(self, opcode: int, offset: int, length: int) -> bool:
+        """Takes up a record before the end of the data; whether it is this end."""
+        if opcode == Opcode.CHUNK:
             block = RecordBlock(offset, offset + HEADER.size + length, True)
-            self._take(block, self._reader.records(block))
-        elif opcode == Opcode.METADATA and is_in_data:
-            if length <= self._options.max_part:  # larger ones are not ours
-                record = Metadata.read(self._file.content(offset, length))
-                self.metadata.setdefault(record.name, {}).update(record.metadata)
-        elif opcode == Opcode.DATA_END and is_in_data:
-            self._data_end = offset + HEADER.size + length
-            crc = self._file.content(offset, length).read4()
-            if crc and self._file.crc(0, offset) != crc:
-                raise DamageError(offset, "data section has another CRC than it says")
-        elif opcode in _DEFINITIONS:
-            self._define(opcode, self._file.read(offset + HEADER.size, length), offset)
-        elif opcode == Opcode.HEADER and offset == len(MAGIC):
-            header = Header.read(self._file.content(offset, length))
+            self._take(block, self._file.records(block))
+        elif opcode == Opcode.METADATA:
+            record = self._file.record(Metadata, offset, length)
+            self.metadata.setdefault(record.name, {}).update(record.metadata)
+        elif opcode == Opcode.HEADER:
+            header = self._file.record(Header, offset, length)
             self.profile, self.library = header.profile, header.library
-        elif opcode == Opcode.STATISTICS:
-            self._statistics = offset, Statistics.read(self._file.content(offset, length))
-        elif opcode == Opcode.FOOTER:
-            self._footer(offset)
-        elif opcode in _MISPLACED:
-            raise DamageError(offset, f"a record of kind {opcode} where none may be")
-
-    def _footer(self, offset: int) -> None:
-        said = Footer.read(self._file.content(offset, 20))
-        if not self._data_end:
-            self._note(DamageError(offset, "no end of the data section before the footer"))
-        start, crc = self._data_end or said.summary_start, said.summary_crc
-        if crc and self._file.crc(start, offset + HEADER.size + 16) != crc:
-            self._note(DamageError(start, "summary has another CRC than it says"))
-        file_end = offset + HEADER.size + 20
-        excess = self._file.size - file_end - len(MAGIC)
-        if excess < 0 or self._file.read(file_end, len(MAGIC)) != MAGIC:
-            self._note(DamageError(file_end, "no magic bytes after the footer"))
-        elif excess:
-            damage = f"{excess} bytes after the end, not read: cut two joined files apart there"
-            self._note(DamageError(file_end + len(MAGIC), damage))
+        elif opcode == Opcode.DATA_END:
+            crc = self._file.record(DataEnd, offset, length).data_section_crc
+            if crc and self._file.crc(0, offset) != crc:
+                self._note(DamageError(offset, "data section has another CRC than it says"))
+            return True
+        return False
 
     def _compare(self, offset: int, said: Statistics) -> None:
-        """Notes where a file has other messages than its statistics say."""
-        counts = {"messages": (said.message_count, self.counts.total())}
-        for channel, count in said.channel_message_counts.items():
-            counts[f"messages of channel {channel}"] = count, self.counts[channel]
-        for name, (count, actual) in counts.items():
-            if count != actual:
-                self._note(DamageError(offset, f"statistics say {count} {name}, found {actual}"))
+        """Notes where a file that seems sound has other messages than its statistics say."""
+        self._stated_count = said.message_count
+        if said.message_count != self.counts.total() and not self.damage:
+            damage = f"statistics say {said.message_count} messages, found {self.counts.total()}"
+            self._note(DamageError(offset, damage))
 
     def _define(self, opcode: int, raw: bytes, offset: int) -> None:
         """Takes up a schema or channel; each keeps the definition that it had first.
 
         Raises:
-            DamageError: where it is broken, too long, or contradicts an earlier one.
+            DamageError: where it is broken, or contradicts an earlier one.
         """
-        kind, limit = "schema" if opcode == Opcode.SCHEMA else "channel", self._options.max_part
-        if len(raw) > limit:
-            hint = file_records.RAISE_LIMIT.format("max_record", 32 * len(raw))
-            raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {limit}", hint)
-        content = file_records.Content(raw, offset)
-        definition: Any = (Schema if kind == "schema" else Channel).read(content)
+        kind, record = ("schema", Schema) if opcode == Opcode.SCHEMA else ("channel", Channel)
+        definition = decoded(record, raw, offset)
         definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
-        name = definition.name if kind == "schema" else definition.topic
-        if kind == "schema" and definition.id == 0:
-            raise DamageError(offset, "a schema with the reserved id 0")
-        if len(name) > _LONGEST_NAME:
-            raise DamageError(offset, f"a name of {len(name)} characters, limit {_LONGEST_NAME}")
         if definitions.setdefault(definition.id, definition) != definition:
             damage = f"{kind} {definition.id} is defined a second time, differently"
             raise DamageError(offset, damage)
@@ -247,8 +209,8 @@ class Walk:
 
     def _run(self, offset: int, next_record: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
-        size = max(min(file_records.PIECE, self._file.size - offset), next_record - offset)
-        block, records = self._reader.run(offset, size)
+        size = max(min(PIECE, self._file.size - offset), next_record - offset)
+        block, records = self._file.run(offset, size)
         try:
             self._take(block, records)
         except DamageError as damage:

@@ -1138,13 +1138,6 @@ def test_refuses_a_missing_file_and_a_folder(tmp_path):
             open_csv(path, ReadOptions())
 
 
-def test_refuses_to_inflate_beyond_the_cap(log):
-    log.write_bytes(gzip.compress(b"t [s],p\n" + b"1,2\n" * 1_000_000))
-    source = open_csv(log, ReadOptions(max_unpacked=1 << 20))
-    with pytest.raises(UserError, match="inflates to more than 1 MiB"):
-        source.columns(source.fields)
-
-
 def test_giant_cell_is_one_wrong_row(log):
     body = b"".join(b"%d,1.5\n" % k for k in range(300_000))
     source, columns = read(log, b"t [s],p\n" + body + b"x" * 10_000_000 + b"\n300000,1\n")
