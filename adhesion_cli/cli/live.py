@@ -22,13 +22,12 @@ if TYPE_CHECKING:
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
 _TEXTS = {  # of shared options that mean something else here
     "dbc": "Signals of the frames on a CAN bus; repeatable.",
-    "out": "Folder for <name>.live.mcap and .live.rrd, made if missing; else no files.",
+    "out": "Folder for <name>.live.mcap, made if missing; else no file.",
     "algo": "Only this estimator; repeatable. The terminal shows the first one.",
     "json": "One JSON object per line on stdout for each sample and axle.",
     "view": "Show the samples in the Rerun viewer as they arrive.",
 }
-# Between two chunks of a file [s]. The Rerun SDK keeps a note of each one up to the end.
-_CHUNK, _RERUN_CHUNK = 0.5, 0.9
+_CHUNK = 0.5  # between two chunks of the file [s]
 _FRAME = 0.1  # between two frames of the viewer [s]
 _LINES = 0.02  # between two batches of JSON lines [s]
 _INTERRUPTED = Ended(130)  # after Ctrl-C
@@ -61,9 +60,9 @@ def command(
     messages, or can:CHANNEL with --dbc. The header or the first messages say
     what is measured, or -c does. Ctrl-C ends.
 
-    -o DIR also writes <name>.live.mcap and <name>.live.rrd. They can be read at
-    any time, even after a kill. --view and --connect show the samples in the
-    Rerun viewer. --json prints a line per sample and axle.
+    -o DIR also writes <name>.live.mcap. It can be read at any time, even after
+    a kill, and `adhesion view` shows it. --view and --connect show the samples
+    in the Rerun viewer. --json prints a line per sample and axle.
 
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
@@ -126,7 +125,8 @@ class _Run:
         self._algos_shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
         self._tally = Tally(self._report, feed.name, shared.strict)
         self._status: StatusLine | None = None
-        self._counts, self._files = Counts(), list[Path]()
+        self._file: Path | None = None
+        self._counts = Counts()
         self._waiting = Waiting(feed.name, self._say)
 
     def go(self) -> int:
@@ -148,7 +148,7 @@ class _Run:
                     self._status = StatusLine(self._algos_shown[0], self._settings.vehicle)
                 sinks: list[Sink] = [self._counts, self._waiting]
                 axles = [p.axle for p in wheels.axles]
-                self._files = self._new_files(stack)
+                self._file = self._new_file(stack)
                 for sink in self._sinks(axles):
                     stack.callback(sink.close)
                     sinks.append(sink)
@@ -179,20 +179,20 @@ class _Run:
         if findings := self._tally.findings:
             warnings = sum(f.severity != "info" for f in findings)
             lines.append(f"findings: {len(findings)} (warnings and errors: {warnings})")
-        self._say("\n".join([*lines, *([terminal.wrote(f) for f in self._files])]))
+        self._say("\n".join([*lines, *([terminal.wrote(self._file)] if self._file else [])]))
 
-    def _new_files(self, stack: ExitStack) -> list[Path]:
-        """The files of -o, empty; nobody else writes them before the end of the stack."""
-        from ..live.recording import new_files
+    def _new_file(self, stack: ExitStack) -> Path | None:
+        """The file of -o, empty; nobody else writes it before the end of the stack."""
+        from ..live.recording import new_file
 
         if not (out := self._shared.out):
-            return []
+            return None
         name = self._feed.name
         stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
-        files = [out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd")]
+        file = out / f"{stem}.live.mcap"
         inputs = [*self._shared.config, *self._shared.dbc, Path(name)]
-        stack.enter_context(new_files(files, self._shared.force, inputs))
-        return files
+        stack.enter_context(new_file(file, self._shared.force, inputs))
+        return file
 
     def _sinks(self, axles: list[int]) -> "Iterator[Sink]":
         """Who takes the samples: the file first, so that it has what the others fail on."""
@@ -202,7 +202,7 @@ class _Run:
         names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
         yield from self._recordings(axles, names)
         if self._shared.json:
-            outlives_reader = bool(self._files or self._viewer)
+            outlives_reader = bool(self._file or self._viewer)
             lines = JsonLines(self._algos_shown, self._settings.vehicle, outlives_reader)
             yield Batches(
                 lines, _LINES, self._say if outlives_reader else None, "the reader of --json"
@@ -211,21 +211,15 @@ class _Run:
             yield self._status
 
     def _recordings(self, axles: list[int], names: list[str]) -> "Iterator[Sink]":
-        """The files, and the viewer."""
+        """The file, and the viewer."""
         from ..live.recording import Batches, LiveView, Mcap
         from ..results.rrd.live import LiveRecording
 
-        name, settings = self._feed.name, self._settings
-        viewers: list[tuple[Path | str, float]] = []
-        if self._files:
-            record, picture = self._files
-            target = Mcap(record, name, self._stated, self._algos, axles, self._tally.add)
+        name = self._feed.name
+        if self._file:
+            target = Mcap(self._file, name, self._stated, self._algos, axles, self._tally.add)
             yield Batches(target, _CHUNK)
-            viewers.append((picture, _RERUN_CHUNK))
         if self._viewer:
-            viewers.append((self._viewer, _FRAME))
-        for to, interval in viewers:
-            live = LiveRecording(name, settings.vehicle, axles, names, to)
-            report_end = lambda error: self._say(f"the recording ends here: {error}")  # noqa: E731
-            report = self._say if isinstance(to, str) else None
-            yield Batches(LiveView(live, names, report_end), interval, report)
+            live = LiveRecording(name, self._settings.vehicle, axles, names, self._viewer)
+            view = LiveView(live, names, lambda error: self._say(f"the viewer ends here: {error}"))
+            yield Batches(view, _FRAME, self._say)

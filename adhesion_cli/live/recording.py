@@ -1,4 +1,4 @@
-"""Samples as files that can be read while they grow, and after a kill; or in a viewer."""
+"""Samples as a file that can be read while it grows, and after a kill; or in a viewer."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,20 +26,19 @@ _NOTHING = LiveEstimate(float("nan"), float("nan"))
 
 
 @contextmanager
-def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Iterator[None]:
-    """Empty files of these names, which no other run writes meanwhile; raises UserError.
+def new_file(path: Path, force: bool, inputs: Sequence[Path]) -> Iterator[None]:
+    """An empty file of this name, which no other run writes meanwhile; raises UserError.
 
-    They have their names while they grow, so that they can be read. What had a name before is
-    removed, and not written to: another program may hold it, or it may be a link.
+    It has its name while it grows, so that it can be read. What had the name before is removed, and
+    not written to: another program may hold it, or it may be a link.
     """
-    atomic_files.check(paths, force, inputs=inputs)
-    with _locked(paths[0]):
-        atomic_files.check_closed(paths)
-        for path in paths:
-            with _written(path):
-                if force:
-                    path.unlink(missing_ok=True)
-                path.open("xb").close()
+    atomic_files.check([path], force, inputs=inputs)
+    with _locked(path):
+        atomic_files.check_closed([path])
+        with _written(path):
+            if force:
+                path.unlink(missing_ok=True)
+            path.open("xb").close()
         yield
 
 
@@ -182,7 +181,7 @@ def _written(path: Path) -> Iterator[None]:
 
 
 class LiveView(Sink):
-    """A recording in a viewer or a file; what goes wrong is reported once; samples go on."""
+    """A recording in a viewer; what goes wrong is reported once; samples go on."""
 
     def __init__(self, recording: LiveRecording, algos: Sequence[str], report: Any) -> None:
         self._recording: LiveRecording | None = recording

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import rerun as rr
 from helpers import mcap_logs
 from helpers.grids import thinned
 from helpers.live_runs import Kept, message
@@ -86,7 +87,9 @@ def followed(feed: Feed, settings: Settings, folder: Path) -> tuple[Kept, Tally]
     axles, errors = [p.axle for p in wheels.axles], list[str]()
     target = folder / "x.live.mcap"
     record = Mcap(target, "x", settings, algos, axles, tally.add)
-    view = LiveRecording("x", vehicle, axles, list(algos), folder / "x.live.rrd")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rr, "GrpcSink", rr.FileSink)  # a viewer that keeps what it gets
+        view = LiveRecording("x", vehicle, axles, list(algos), str(folder / "shown.rrd"))
     files = [
         Batches(record, 0.01),
         Batches(LiveView(view, list(algos), errors.append), 0.01),

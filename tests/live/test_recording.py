@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from helpers import recordings
 from helpers.commands import Run
 from helpers.live_runs import (
@@ -28,10 +29,13 @@ from mcap.reader import make_reader
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.cli import view as cli_view
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Vehicle
 from adhesion_cli.live import recording
 from adhesion_cli.live.axle import Sink
-from adhesion_cli.live.recording import new_files
+from adhesion_cli.live.recording import new_file
+from adhesion_cli.results.rrd.live import LiveRecording
 
 
 @pytest.mark.parametrize("then", [(), (-50.0,)])
@@ -100,10 +104,9 @@ def test_a_second_run_does_not_write_what_the_first_one_writes(tmp_path: Path) -
     assert third.returncode == 0
 
 
-@pytest.mark.parametrize("suffix", [".mcap", ".rrd"])
-def test_a_link_is_replaced_and_its_target_stays(run: Run, tmp_path: Path, suffix: str) -> None:
+def test_a_link_is_replaced_and_its_target_stays(run: Run, tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("precious")
-    path = tmp_path / f"service-brake.live{suffix}"
+    path = tmp_path / "service-brake.live.mcap"
     path.symlink_to(tmp_path / "precious")
     arguments = "live", "--replay", SERVICE, "--speed", "0", "-q", "-a", "td", "-o", "."
     assert run(*arguments).returncode == 1  # it exists
@@ -184,26 +187,57 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     finally:
         with suppress(ProcessLookupError):
             os.killpg(viewer.pid, signal.SIGKILL)
-    for path in (shown, tmp_path / "out" / "service-brake.live.rrd"):
-        times, force = recordings.column(path, "/axle/1/force/estimates", "scalars")
-        assert len(times) >= 20
-        assert np.isfinite(force).all()
-    (names,) = recordings.batches(path, "/lines/all")
+    times, force = recordings.column(shown, "/axle/1/force/estimates", "scalars")
+    assert len(times) >= 20
+    assert np.isfinite(force).all()
+    names, *_ = recordings.batches(shown, "/lines/all")
     assert "axle 1" in str(names.to_pydict())
+
+
+def test_an_axle_that_comes_later_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rr, "GrpcSink", rr.FileSink)  # a viewer that keeps what it gets
+    shown, errors = tmp_path / "shown.rrd", list[str]()
+    live = LiveRecording("x", Vehicle(), [1], ["td"], str(shown))
+    view = recording.LiveView(live, ["td"], errors.append)
+    view.take(samples_of(50))
+    view.take([sample._replace(axle=2) for sample in samples_of(50)])
+    view.close()
+    assert not errors
+    for axle in (1, 2):
+        times, force = recordings.column(shown, f"/axle/{axle}/force/estimates", "scalars")
+        assert len(times) == 50
+        assert np.isfinite(force).all()
+
+
+def test_view_draws_the_file_of_a_live_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = run("live", "--replay", SERVICE, "--speed", "0", "-q", "-a", "td", "-o", ".")
+    assert made.returncode == 0, made.stderr
+    record = tmp_path / "service-brake.live.mcap"
+    before = record.read_bytes()
+    monkeypatch.setattr(cli_view, "serve_recording", lambda path: None)
+    assert cli_view.command(result=record, serve=True, quiet=True, debug=False) == 0
+    times, force = recordings.column(
+        record.with_suffix(".rrd"), "/axle/1/force/estimates", "scalars"
+    )
+    assert len(times) == 2601
+    assert np.isfinite(force).all()
+    assert record.read_bytes() == before
 
 
 def test_a_run_that_is_refused_leaves_the_lock_of_the_first_one(tmp_path: Path) -> None:
     path = tmp_path / "a.live.mcap"
-    with new_files([path], False, []):
+    with new_file(path, False, []):
         for _ in range(2):
-            with pytest.raises(UserError, match="another run"), new_files([path], True, []):
+            with pytest.raises(UserError, match="another run"), new_file(path, True, []):
                 pass
-    with new_files([path], True, []):
+    with new_file(path, True, []):
         pass
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-def test_an_error_while_the_files_grow_is_not_one_of_the_files(tmp_path: Path) -> None:
+def test_an_error_while_the_file_grows_is_not_one_of_the_file(tmp_path: Path) -> None:
     """As a reader of the lines that has gone."""
-    with pytest.raises(BrokenPipeError), new_files([tmp_path / "a.live.mcap"], False, []):
+    with pytest.raises(BrokenPipeError), new_file(tmp_path / "a.live.mcap", False, []):
         raise BrokenPipeError

@@ -1,7 +1,6 @@
-"""Samples as a recording that grows: a file, or a viewer that shows it."""
+"""Samples as a recording that grows in a viewer."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import rerun as rr
@@ -25,7 +24,7 @@ def check_viewer(url: str) -> None:
 
 
 class LiveRecording:
-    """Samples that arrive, to a file or a viewer's address; all axles by the first estimator."""
+    """Samples that arrive, to a viewer's address; all axles by the first estimator."""
 
     def __init__(
         self,
@@ -33,25 +32,18 @@ class LiveRecording:
         vehicle: Vehicle,
         axles: Sequence[int],
         algos: Sequence[str],
-        target: Path | str,
+        url: str,
     ) -> None:
         self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
         self._start: int | None = None
         self._sent: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
-        self._file = target.open("wb", buffering=0) if isinstance(target, Path) else None
-        self._rec: rr.RecordingStream
-        if self._file:
-            self._rec = parts.RecordingInFile(self._file)
-            self._rec.send_blueprint(self._layout(), make_active=False, make_default=True)
-        else:
-            self._rec = rr.RecordingStream("adhesion")
-            self._rec.set_sinks(rr.GrpcSink(str(target)), default_blueprint=self._layout())
+        self._rec = rr.RecordingStream("adhesion")
+        self._rec.set_sinks(rr.GrpcSink(url), default_blueprint=self._layout())
         self._rec.send_recording_name(name)
-        self._write()
 
     def add(self, samples: Mapping[int, Samples]) -> None:
-        """Sends the new samples of some axles; raises OSError where the file cannot be written."""
+        """Sends the new samples of some axles."""
         if arrived := [axle for axle in samples if axle not in self._axles]:
             self._axles += arrived
             self._rec.send_blueprint(self._layout())
@@ -64,11 +56,6 @@ class LiveRecording:
                 if is_first:
                     self._sent.add(path)
                     self._name("all" if path.startswith("all/") else f"axle/{axle}", plot)
-        self._write()
-
-    def _write(self) -> None:
-        if isinstance(self._rec, parts.RecordingInFile):
-            self._rec.write()
 
     def _name(self, tab: str, plot: parts.SeriesPlot) -> None:
         """Sends the names of lines that are not in the list of their tab yet."""
@@ -80,10 +67,7 @@ class LiveRecording:
     def finish(self) -> None:
         """Ends the recording as `add`; a viewer that does not answer is not waited for."""
         self._rec.flush(timeout_sec=2.0)
-        self._write()
         self._rec.disconnect()
-        if self._file:
-            self._file.close()
 
     def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.SeriesPlot]]:
         name = f"axle {axle}"

@@ -72,9 +72,9 @@ class RecordingInFile(rr.RecordingStream):
     """A recording in a file that we write.
 
     The SDK's own file would not report a full disk, and the SDK waits for ever after one. A short
-    recording is written at its end, with the footer by which a reader finds its parts. A long one,
-    and one that grows, is written bit by bit and has no footer, as with the SDK's `write_footer`
-    off: memory is bounded, and a file that a kill has cut can be read.
+    recording is written at its end, with the footer by which a reader finds its parts. A long one
+    is written bit by bit and has no footer, as with the SDK's `write_footer` off: memory is
+    bounded.
     """
 
     def __init__(self, file: BinaryIO, recording_id: str | None = None) -> None:
