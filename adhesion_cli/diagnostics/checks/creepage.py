@@ -6,9 +6,11 @@ The creepage of a braked wheel that rolls grows with its brake force. Against th
 
 with µ by pressure and vehicle, the error c of the radius, the creepage k for each µ, which one rail
 has for all axles alike, and the delay τ between the two speeds. A rail that is wet under one axle
-makes k larger, never smaller. So a larger one counts only with a pressure below the others'.
+makes k larger, never smaller. So a larger one counts only with a pressure below the others'. An
+axle that is heavier than the others has a smaller one, too.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple
 
@@ -24,6 +26,7 @@ from ..scene import Scene
 ABOUT = About("Creepage against the other axles", "creepage", 10)
 _FEWEST_AXLES = 3  # of two, either may be wrong
 _LEAST_CREEPAGE = 0.005  # for each µ: no rail is as stiff
+_UNLIKE_LOADS = 0.08  # 1 sigma of one axle's mass against the others', where none is stated
 _BLOCK = 1.0  # errors of a train speed are alike within that time [s]
 
 
@@ -69,7 +72,11 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         ):
             continue  # no majority says what is usual
         share = float(value) / usual
-        share_sigma = float(np.hypot(sigma, creepages.common(i, share))) / usual
+        by_load = share * min(
+            s.vehicle.of_axle(s.axles[i].record.axle).axle_mass.share, _UNLIKE_LOADS
+        )
+        noise = float(np.hypot(sigma, creepages.common(i, share))) / usual
+        share_sigma = math.hypot(noise, by_load)
         u95 = Z95 * share_sigma
         is_more = share - u95 > 1.0 / p.least and brakes[i] < p.lower * np.median(brakes)
         if share_sigma < p.sure * max(share, 1.0) and (share + u95 < p.least or is_more):
