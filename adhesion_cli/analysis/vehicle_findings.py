@@ -47,6 +47,19 @@ def without_force_findings(findings: Sequence[Finding]) -> list[Finding]:
     return [f for f in findings if f.code not in _OF_FORCE]
 
 
+def _reason_unknown(identified: IdentifiedVehicle, log: AlignedLog) -> str:
+    """Why a log does not show its brake."""
+    if log.grids is None:
+        return "its clock was set back"
+    if identified.other_brake or log.other_brakes:
+        return "another brake acts as well"
+    if log.grids.coarse.motors is not None:
+        return "its motors act as well, and no mass is stated"
+    if len(log.axles) == 1 and any(f.code == "axle-incomplete" for f in log.findings):
+        return "only one axle of several has a pressure"
+    return "no brake application in it slows the train as the pressure says"
+
+
 def find_vehicle_findings(
     settings: Settings, identified: IdentifiedVehicle, log: AlignedLog
 ) -> list[Finding]:
@@ -62,7 +75,8 @@ def find_vehicle_findings(
         findings.append(Finding("vehicle-incomplete", "warning", names=names))
     findings += _find_missing_evidence(settings, log)
     if not identified.known:
-        findings.append(Finding("vehicle-unknown", "warning"))
+        reason = _reason_unknown(identified, log)
+        findings.append(Finding("vehicle-unknown", "warning", names={"reason": reason}))
     if identified.factor is not None and not identified.other_brake:
         values = {"factor": identified.factor}
         names = remedy_names(identified.vehicle, identified.factor)

@@ -29,6 +29,7 @@ _CHANNEL = 28  # of these for names of channels
 _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 _FEW_LOGS = 2  # logs that a line on a finding names
+_MOST_OPTIONS = 16  # that one finding shows
 _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
 
@@ -166,7 +167,9 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 def _options(group: Sequence[Finding]) -> str:
     """What the remedy of warnings would have pasted: an option a line, never cut."""
     options = dict.fromkeys(x for f in group if f.severity != "info" and (x := f.option))
-    return "\n".join(f"      {printable(x)}" for x in [*options][:_LISTED_ALIKE])
+    lines = [f"      {printable(x)}" for x in [*options][:_MOST_OPTIONS]]
+    missing = len(options) - len(lines)
+    return "\n".join([*lines, f"      and {missing} more: see --json"] if missing else lines)
 
 
 def _channels(group: Sequence[Finding]) -> str:
