@@ -34,7 +34,7 @@ from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core import rounding
 from adhesion_cli.core.model import Floats, Result
-from adhesion_cli.results import mcap, rrd
+from adhesion_cli.results import mcap, rrd, thinning
 from adhesion_cli.wsp import plant, simulate
 
 RATE = 100.0  # [Hz]
@@ -156,8 +156,11 @@ def against_writers(folder: Path, files: list[Path], result: Result, own: float)
     """The files of a result, and all of `analyze`, which took `own` seconds."""
     our_recording = seconds(lambda: rrd.write_results(files[1], [result]))
     whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
-    with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-        mcap.write_results(whole, [result], "{}", full=True)
+    with (
+        mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x),
+        mock.patch.object(thinning, "LONG_ROWS", 10**9),
+    ):
+        mcap.write_results(whole, [result], "{}")
     mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
     read_time = seconds(lambda: csv.read_csv(folder / "log.csv"))
     against = "mcap.Writer at its defaults, all digits"

@@ -30,20 +30,18 @@ def write_results(
     summaries: "Sequence[ResultSummary]",
     slip: str = "",
     notes: "Sequence[Note]" = (),
-    every_sample: bool = False,
 ) -> None:
     """Writes record and recording of one analysed log, or of several together.
 
     `places` are those of the MCAP and of the Rerun recording. `slip` is the document on the slip of
-    one log, `notes` the texts on that of its axles, each with its rail. With `every_sample`, the
-    files of a long log have every computed sample.
+    one log, `notes` the texts on that of its axles, each with its rail.
     """
     from ..core.document import embedded
     from ..results import mcap, rrd
 
     record, recording = places
-    mcap.write_results(record, results, embedded(summaries), slip, every_sample)
-    rrd.write_results(recording, results, notes, every_sample, summaries)
+    mcap.write_results(record, results, embedded(summaries), slip)
+    rrd.write_results(recording, results, notes, summaries)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:

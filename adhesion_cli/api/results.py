@@ -291,7 +291,7 @@ class Analysis(_Tables):
                 raise unknown("axle", str(axle), [str(n) for n in self._braked])
         with TemporaryDirectory(prefix="adhesion-") as folder:  # a report is that of a result file
             record = Path(folder, "plot.mcap")
-            mcap.write_results(record, [self.result], document.embedded([self._summary]), full=True)
+            mcap.write_results(record, [self.result], document.embedded([self._summary]))
             return Plot(run.read(record, axles=[*self._braked]), wanted)
 
     @in_python

@@ -40,7 +40,7 @@ def command(
     analysed = results.analysed(shared, logs, pair)
     summaries = [summarise(r, results.named(pair)) for r in analysed]
     with atomic_files.outputs(pair, shared.force, inputs=inputs(shared, *logs)) as written:
-        write_results(written, analysed, summaries, every_sample=shared.full)
+        write_results(written, analysed, summaries)
     if shared.json:
         print(dumps(result_document(summaries)))
     else:

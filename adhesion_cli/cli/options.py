@@ -97,9 +97,6 @@ class Shared:
     force: Annotated[bool, option("--force", None, "Replace existing results.")] = False
     strict: Annotated[bool, option(
         "--strict", None, "Damaged data is an error, not a finding.")] = False
-    full: Annotated[bool, option(
-        "--full", None, "Long logs: keep every computed sample, also between brakes.",
-        )] = False
     quiet: Annotated[bool, option(
         "-q --quiet", None, "No progress, notes, warnings on stderr; errors and lost data stay.",
         )] = False

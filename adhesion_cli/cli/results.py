@@ -107,7 +107,7 @@ def written(
     with atomic_files.sets(sets, shared.force, inputs=inputs(shared, *read)) as place_sets:
         for i, (result, places) in enumerate(zip(results, place_sets, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
-            outputs.write_results(places[:2], [result], [summaries[i]], slip, notes, shared.full)
+            outputs.write_results(places[:2], [result], [summaries[i]], slip, notes)
         yield dict(zip(chain(*sets), chain(*place_sets), strict=True))
 
 

@@ -63,28 +63,25 @@ class _Stream:
     rows: NDArray[np.int64] | None = None  # that are written, of columns and `tail`; None: all
 
 
-def write_results(
-    path: Path, results: Sequence[Result], metrics: str, slip: str = "", full: bool = False
-) -> None:
+def write_results(path: Path, results: Sequence[Result], metrics: str, slip: str = "") -> None:
     """Write analysed logs, read the file back and check it.
 
     Topics and metadata of several logs are parted by their names. A file of one log can be analysed
     again. `metrics` is the document that `--json` prints, kept as metadata `adhesion.metrics`, and
-    `slip` that of `slip --json`, as `adhesion.slip`. With `full` all that was computed on a long
-    log is written, see `thinning`.
+    `slip` that of `slip --json`, as `adhesion.slip`. What was computed on a long log is thinned.
 
     Raises:
         UserError: for a time stamp that MCAP cannot hold.
     """
     is_single = len(results) == 1
     logs = list(zip([""] if is_single else names.logs(results), results, strict=True))
-    streams = [x for n, r in logs for x in _result_streams(r, f"/{n}" * bool(n), full)]
+    streams = [x for n, r in logs for x in _result_streams(r, f"/{n}" * bool(n))]
     shift = _shift(streams, [result.log for result in results])
     provenance: dict[str, str] = {}
     metadata = {"adhesion.slip": {"json": slip}} if slip else {}
     for name, result in logs:
         stem = f"{name}." * bool(name)
-        provenance |= {stem + k: v for k, v in _provenance(result, shift, full).items()}
+        provenance |= {stem + k: v for k, v in _provenance(result, shift).items()}
         metadata[names.SETTINGS + f"/{name}" * bool(name)] = names.flat(result.settings)
         metadata |= _account(result.log) if is_single else {}
     metadata |= {names.PROVENANCE: provenance, names.METRICS: {"json": metrics}}
@@ -254,13 +251,13 @@ def _slip(
     return replace(doubles, tails=tails, tail=region.astype(np.int64))
 
 
-def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
+def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     streams: list[_Stream] = []
     for axle in result.axles:
         topic = f"{prefix}/axle/{axle.record.axle}"
         streams += _input_streams(axle.record, result.log, topic)
         computed = _computed_streams(axle, result, topic)
-        if not full and (rows := thinning.kept_rows(axle)) is not None:
+        if (rows := thinning.kept_rows(axle)) is not None:
             t = axle.record.t[rows]  # one array for all: `_partition` knows it by that
             computed = (replace(x, t=t, rows=rows) for x in computed)
         streams += computed
@@ -384,7 +381,7 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
     return {model.RECOVERED: {"damage": log.account}} if log.account else {}
 
 
-def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
+def _provenance(result: Result, shift: int) -> dict[str, str]:
     entries = {
         **_origin(Path(result.log.path).name, result.log.sha256, result.log.format, shift),
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
@@ -404,7 +401,7 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
         entries["train_speed"] = model.NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):
         entries["train_speed"] = model.AS_INPUT
-    if not full and any(map(thinning.needs_thinning, result.axles)):
+    if any(map(thinning.needs_thinning, result.axles)):
         entries["thinned"] = thinning.THINNED_NOTE
     return entries
 

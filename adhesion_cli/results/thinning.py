@@ -18,7 +18,7 @@ THINNED_NOTE = (
 
 
 def needs_thinning(axle: AxleResult) -> bool:
-    """Whether the results of an axle are thinned, unless all are asked for."""
+    """Whether the results of an axle are thinned."""
     return len(axle.record) > LONG_ROWS
 
 

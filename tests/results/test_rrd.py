@@ -241,11 +241,11 @@ def test_the_axles_are_in_order_and_the_worst_slide_is_open_where_slip_is_asked_
     t, drawn = column(path, "/all/slip/2", "scalars")
     assert len(t) == 402
     assert np.nanmax(drawn) == pytest.approx(30.0)
-    tabs = results._Page("", made, (), False, ()).layout().contents
+    tabs = results._Page("", made, (), ()).layout().contents
     names = [tab.name for tab in tabs if isinstance(tab, rrb.Container | rrb.View)]
     assert names[:3] == ["All axles", "Axle 1", "Axle 2"]
     turned = replace(made, axles=axles[::-1])
-    page = results._Page("", turned, (), False, ())
+    page = results._Page("", turned, (), ())
     page.notes = (None,)  # the slip was asked for
     noted = page.layout()
     assert noted.active_tab == 2  # the worst slide
@@ -309,17 +309,17 @@ def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
 def test_a_long_log_is_thinned_between_its_brakes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning, "LONG_ROWS", 1000)
     analysed = result(1, 4000)
     (axle,) = analysed.axles
     t, where = axle.record.t, slice(1500, 2000)
     axle = replace(axle, applications=(where,), events=())
     path = tmp_path / "a.rrd"
-    for full in (True, False):
-        rrd.write_results(path, [replace(analysed, axles=(axle,))], full=full)
+    for limit in (10**9, 1000):
+        monkeypatch.setattr(thinning, "LONG_ROWS", limit)
+        rrd.write_results(path, [replace(analysed, axles=(axle,))])
         at, drawn = column(path, "/axle/1/speed", "scalars")
         at += analysed.log.start_ns()
-        if full:
+        if limit == 10**9:
             every, whole = at, drawn
     assert len(every) == len(t) + 2  # a gap
     near = (every >= t[where.start] - 2 * 10**9) & (every <= t[where.stop - 1] + 2 * 10**9)
@@ -330,7 +330,7 @@ def test_a_long_log_is_thinned_between_its_brakes(
     assert len(counts) > 40
     assert counts.max() == 1 + (np.isnan(drawn[~kept]).any())
     (about,) = static(path, "/about", "text")
-    assert "`--full` draws every" in about
+    assert "one sample of each 0.5 s" in about
 
 
 def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:

@@ -47,19 +47,17 @@ def write_results(
     path: Path,
     results: Sequence[Result],
     notes: Sequence[Note] = (),
-    full: bool = False,
     summaries: Sequence[ResultSummary] = (),
 ) -> None:
     """Write analysed logs into one recording.
 
     Several are laid over each other in the first tab, and each has its own tab. On the timeline
     `brake`, which is then shown, time counts from each log's own brake start. `notes` are on the
-    slip of each axle of one log, with its rail; with them, slip is shown first. With `full` a long
-    log is drawn with every sample between its brake applications, too.
+    slip of each axle of one log, with its rail; with them, slip is shown first.
     """
     names_of_logs = glyphs.drawable_names(names.logs(results)) if len(results) > 1 else [""]
     pages = [
-        _Page(name, result, notes, full, summary)
+        _Page(name, result, notes, summary)
         for name, result, summary in zip_longest(names_of_logs, results, summaries)
     ]
     title = ", ".join(page.title for page in pages)
@@ -79,11 +77,9 @@ class _Page:
         name: str,
         result: Result,
         notes: Sequence[Note],
-        full: bool,
         summary: ResultSummary | None,
     ) -> None:
-        self.result, self.notes, self.full = result, notes, full
-        self.summary = summary
+        self.result, self.notes, self.summary = result, notes, summary
         (self.title,) = glyphs.drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
@@ -95,7 +91,7 @@ class _Page:
         bars = line_views.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides, self.axles)
-        self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
+        self.thinned = any(map(thinning.needs_thinning, self.result.axles))
         self.lists: dict[str, list[model.Event]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in finding.catalogue() else "events"
@@ -148,7 +144,7 @@ class _Page:
     def _drawn_rows(self, axle: AxleResult) -> parts.DrawnRows:
         """The rows that are drawn: of a long log those that its results have, and each break."""
         all_rows = parts.rows_of_axle(axle)
-        if self.full or not thinning.needs_thinning(axle):
+        if not thinning.needs_thinning(axle):
             return all_rows
         return all_rows.select(thinning.keep_mask(axle, all_rows.t) | (all_rows.row < 0))
 
@@ -486,8 +482,7 @@ the log's own. In a comparison, `brake` counts from the first brake application 
 """
 _THINNED = f"""
 Every sample is drawn in brake applications and slides and {thinning.AROUND / 1e9:g} s around them.
-Between them one sample of each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn. `--full` draws every
-sample.
+Between them one sample of each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn.
 """
 
 
