@@ -15,7 +15,17 @@ from ..core.model import INPUTS, MOTOR_FORCES, OTHER_BRAKES, STATES, Meaning, Pa
 from ..core.text import enumerated
 from ..formats.source import Field
 from .places import UNCLEAR, served
-from .rules import GENERIC, Place, guess, name_words, place_of, says_state, word_of_kind
+from .rules import (
+    GENERIC,
+    Place,
+    abbreviations_of,
+    guess,
+    name_words,
+    place_of,
+    says_state,
+    spelled_out,
+    word_of_kind,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +109,7 @@ def understood(
     for mapping in mappings:
         for field, m in _find(fields, mapping) if mapping.channel else []:
             by_hand.setdefault(field, []).append(m)
-    channels = {f.channel for f in fields}
+    channels, abbreviations = {f.channel for f in fields}, abbreviations_of(fields)
     meant: list[Meant] = []
     guesses: list[int] = []
     for field in fields:
@@ -107,7 +117,7 @@ def understood(
         if field.words and not (stated or _is_state(field)):
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
-        meaning, axle, unit, reason = guess(ungrouped)
+        meaning, axle, unit, reason = guess(spelled_out(ungrouped, abbreviations))
         base = re.fullmatch(r"(.*?)(?: \(\d+\)|\.\d+)", field.channel)
         if base and base[1] in channels:  # the reader added "(2)", or pandas ".1"
             axle = place_of(replace(ungrouped, channel=base[1])).axle

@@ -187,6 +187,11 @@ _WORDS_BY_KIND: dict[str, list[str]] = {  # of each kind, in the order of the fi
     kind: " ".join(of_language.values()).split()
     for kind, of_language in VOCABULARY["kinds"].items()
 }
+_ABBREVIATIONS: dict[str, dict[str, str]] = VOCABULARY["abbreviations"]  # by language
+_WORDS_BY_LANGUAGE = {
+    language: {x for words in VOCABULARY["kinds"].values() for x in words.get(language, "").split()}
+    for language in _ABBREVIATIONS
+}
 _SHORTEST_PLAIN = 4  # letters of a word that may also stand without its marks
 
 
@@ -205,6 +210,22 @@ OFF_STATES, ON_STATES, CLOSED_STATES, OPEN_STATES = (
     frozenset(" ".join(VOCABULARY["states"][kind].values()).split())
     for kind in ("off", "on", "closed", "open")
 )
+
+
+def abbreviations_of(fields: Sequence[Field]) -> dict[str, str]:
+    """The abbreviations, in words, of the languages in which the names of a log have words."""
+    names = {word for field in fields for word in name_words(field.channel)}
+    words_of = _WORDS_BY_LANGUAGE.items()
+    languages = [x for x, words in words_of if names & (words | {*map(_without_marks, words)})]
+    return {short: text for x in languages for short, text in _ABBREVIATIONS[x].items()}
+
+
+def spelled_out(field: Field, abbreviations: Mapping[str, str]) -> Field:
+    """The field with these abbreviations in its name as words."""
+    channel = field.channel
+    for short, text in abbreviations.items():
+        channel = re.sub(rf"(?<![^\W\d_]){short}(?![^\W\d_])", text, channel)
+    return replace(field, channel=channel)
 
 
 @lru_cache(1 << 10)  # many rules ask for the same field

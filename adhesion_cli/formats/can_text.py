@@ -33,7 +33,7 @@ _FORMS = (
     (_CANDUMP, _CANDUMP),
 )  # by what the files begin with
 _TABLE = {  # columns of a table of frames, by their names
-    "t": r"time|zeit",
+    "t": r"time|(?:uhr)?zeit",
     "id": r"(?:can[ _-]?)?(?:id|identifier|arbitration_id)\b",
     "size": r"dlc\b|len(?:gth)?\b|data ?len",
     "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
@@ -328,7 +328,7 @@ class TextLog:
         cells.append("")
         t, text, size, data, bus = (cells[min(k, len(cells) - 1)] for k in self._places.values())
         time = self._time(t)
-        if not _DATED.match(t):
+        if ":" not in t:  # neither a date nor a time of day
             if self._unit == 0.0 and self._decimals < 3:
                 hint = "write it behind the name of the column, as [ms]"
                 raise UserError(f"{self._path}: the unit of the times is not stated", hint)
@@ -348,20 +348,18 @@ class TextLog:
             octets = b64decode(data) if self._is_base64 else bytes.fromhex(data)
         else:
             octets = self._bytes(tokens, int(size))
-        return Frame(time - self._first, number, identifier, identifier > 0x7FF, octets)
+        t_s = self._after_first(time)
+        return Frame(t_s, number, identifier, identifier > 0x7FF, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
         if line.startswith("***"):
             self._busmaster_head(line)
             return None
         clock, _, bus, identifier, kind, size, *data = line.split()
-        h, m, s, fraction = clock.split(":")
-        t = 3600.0 * int(h) + 60.0 * int(m) + int(s) + int(fraction) / 10.0 ** len(fraction)
-        t -= self._first or 0.0
+        t = self._after_first(self._time(clock))
         number = int(identifier, 16 if identifier.startswith("0x") else self._base)
         is_extended, frame_kind = kind.startswith("x"), "remote" if kind.endswith("r") else "data"
         octets = self._bytes(data, int(size)) if frame_kind == "data" else b""
-        t += _DAY if t < -_DAY / 2.0 else 0.0
         return Frame(t, int(bus) - 1, number, is_extended, octets, frame_kind)
 
     def _busmaster_head(self, line: str) -> None:
@@ -377,11 +375,19 @@ class TextLog:
         elif "ABSOLUTE" in tokens_of_line:
             self._first = 0.0
 
+    def _after_first(self, time: float) -> float:
+        """A time after the first one [s]; a time of day may begin anew at midnight."""
+        t = time - (self._first or 0.0)
+        return t + _DAY if t < -_DAY / 2.0 else t
+
     def _time(self, text: str) -> float:
-        """A stamp: seconds, or a date [s]."""
+        """A stamp: seconds, a time of day, or a date [s]."""
         if _DATED.match(text):
             return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
         text = text.replace(",", ".")
+        if ":" in text:
+            hours, minutes, seconds = text.split(":", 2)
+            return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(":", "."))
         self._decimals = len(text.partition(".")[2])
         return float(text)
 

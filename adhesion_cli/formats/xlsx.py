@@ -427,7 +427,7 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
             raise next(iter(refusals.values()))
         others = sheet.other_sheets if options.sheet is None else []
         names = listed(sheet.names)
-        place = f"{path}: sheet {names}"
+        place = f"{path}: sheet{'s' * (len(sheet.names) > 1)} {names}"
         try:
             source = open_csv(text, of_text, place)
             if source.fields or sheet.has_channels or not others:

@@ -776,6 +776,16 @@ def test_names_in_further_languages() -> None:
         ]  # fmt: skip
 
 
+def test_abbreviations_hold_in_their_language() -> None:
+    names = "PG [bar]", "CH [bar]", "Prędkość koła 1 [km/h]"
+    assert seen(*names) == [
+        ("brake_pipe", None, "bar"), (PRESSURE, None, "bar"), (WHEEL, 1, "km/h"),
+    ]  # fmt: skip
+    axles = seen("CH1 [bar]", "CH 2 [bar]", "Predkosc kola 1 [km/h]", "Predkosc kola 2 [km/h]")
+    assert axles[:2] == [(PRESSURE, 1, "bar"), (PRESSURE, 2, "bar")]
+    assert seen("PG [bar]", "BC pressure [bar]", "wheel speed 1 [km/h]")[0] == (None, None, "bar")
+
+
 @pytest.mark.parametrize(
     ("meaning", "names"),
     [

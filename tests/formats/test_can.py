@@ -453,6 +453,18 @@ def test_a_start_of_busmaster_with_numbers_of_one_digit(tmp_path: Path) -> None:
 DATED = ("screen.txt", "direction.txt", "dated.txt", "dated.csv", "python_can.csv", "canedge.csv")
 
 
+def test_a_table_of_frames_with_a_time_of_day(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    clocks = [f"23:59:{58 + k // 10}.{k % 10}00" for k in range(20)]
+    clocks += [f"00:00:0{k // 10},{k % 10}00" for k in range(20)]
+    rows = "".join(f"{clock};Rx;123;5;20 1C 10 68 00\n" for clock in clocks)
+    path.write_text("Uhrzeit;Dir;ID;DLC;Daten\n" + rows)
+    found, findings, source = columns(path, stated(tmp_path))
+    assert np.allclose(np.diff(found["speed"].t), 1e8)
+    assert not source.absolute
+    assert not findings
+
+
 def test_a_table_of_frames_needs_a_dbc_and_a_unit_of_its_times(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("Zeit;ID;DLC;Daten\n" + "".join(f"{k},5;123;2;{k} 00\n" for k in range(10, 50)))

@@ -349,7 +349,7 @@ def test_a_workbook_of_openpyxl(tmp_path: Path) -> None:
     assert (name, len(values)) == ("C-Druck [bar] []", 20)
     assert source.absolute
     (finding,) = source.findings
-    assert finding.message.startswith("Sheet 'Messung 1' is read, the first with a speed")
+    assert finding.message.startswith("The program reads 'Messung 1', the first with a speed")
     assert finding.message.endswith("The workbook also has 'Deckblatt'.")
 
 
@@ -496,7 +496,9 @@ def test_a_sheet_with_a_speed_or_a_brake_pressure_is_read_before_others(tmp_path
     source = opened(path, names_brake=names_brake)
     assert len(read(source)["BC pressure []"]) == 30
     [finding] = source.findings
-    assert finding.message.startswith("Sheet 'Messung' is read, the first with a speed or a brake")
+    assert finding.message.startswith(
+        "The program reads 'Messung', the first with a speed or a brake"
+    )
     [setting] = pasted(finding.hint)
     stated = settings_of(assignments=[setting], folder=False).read.sheet
     assert "sheet 'Liste': no column is a time" in refusal(path, sheet=stated).text

@@ -130,7 +130,7 @@ def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:
         pairs = [(label, " ".join(cells[:2])), *((label, cell) for cell in cells)]
         pairs[:0] = [(match[1], match[2])] if match else []
         for label, text in pairs:
-            text = re.sub(r"(?<![:\d+-])[0-9]{1,2}:[0-9]{2}$", r"\g<0>:00", text)
+            text = re.sub(r"(?<![:\d+-])[0-9]{1,2}:[0-9]{2}(?=(?: ?Uhr)?$)", r"\g<0>:00", text)
             if is_stamp(text):
                 stamps[label] = text
                 break

@@ -494,6 +494,8 @@ _STAMPS = [f"2026-11-26 {x}" for x in _CLOCK]
         (["Datum;27.11.2026", "Uhrzeit;14:20:41"], _ELAPSED, "2026-11-27T14:20:41"),
         (["Start time: 11/27/2026 2:20:41 PM"], _ELAPSED, "2026-11-27T14:20:41"),
         (["Início;27/11/2026 14:20"], _ELAPSED, "2026-11-27T14:20"),
+        (["Messbeginn;27.11.2026 14:20 Uhr"], _ELAPSED, "2026-11-27T14:20"),
+        (["Datum;27.11.2026", "Startzeit;14:20 Uhr"], _ELAPSED, "2026-11-27T14:20"),
         (["Start: 26.11.2026 08:12:03"], _STAMPS, "2026-11-26T09:12:03"),  # of another zone
         (["Datum;27.11.2026"], _ELAPSED, None),
         (["Kalibrace;26.11.2026", "Exported: 2026-11-28 07:00:00"], _CLOCK, None),
