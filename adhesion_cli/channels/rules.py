@@ -101,12 +101,12 @@ RULES = (
     Rule("speed", "true|actual, ?own speed, !wheel", "train_speed"),
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
+    Rule("any", "own retarder", "retarder", _ABOVE_ZERO),
     Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
     Rule("switch", "own vent valve", "vent_valve", _FOR_STOPS),
     Rule("switch", "own hold valve", "hold_valve", _FOR_STOPS),
     Rule("any", "own magnetic braking", "magnetic_brake", _ABOVE_ZERO),
     Rule("switch", "track brake, !own no switch", "magnetic_brake", _ABOVE_ZERO),
-    Rule("any", "own retarder", "retarder", _ABOVE_ZERO),
     Rule("switch", "own sand", "sanding", _FOR_STOPS),
     Rule("switch", "own emergency", "emergency", _FOR_STOPS),
     Rule("switch", "own WSP", "wsp_active", _FOR_STOPS),
@@ -612,8 +612,10 @@ def _is_code(word: str) -> bool:
 def _owner(kind: str, name_parts: Sequence[str]) -> str:
     """The first of these words, if a number next to it counts things of this kind; else ""."""
     word, *following = name_parts
-    if kind == "car" and word in ("m", "t"):  # "M1/2", but not "pressure m 2"
-        return word if len(following) == 2 and all(map(str.isdecimal, following)) else ""
+    if kind == "car" and word in ("m", "t", "r"):  # "M1/2", "R2 axle 1", but not "pressure m 2"
+        number, behind = [*following, "", ""][:2]
+        is_car = (behind.isdecimal() and word != "r") or {"wheel", "bogie"} & _kinds(behind).keys()
+        return word if number.isdecimal() and is_car else ""
     if kind == "car" and re.match("号[車车]|[節节]?[車车](?![速轮輪轴軸辆輌])", word):
         return "车"
     return word_of_kind(kind, [word])

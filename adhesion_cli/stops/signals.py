@@ -28,6 +28,8 @@ UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where no
 DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 GAP = 5.0  # a longer interval, over the usual one, is a gap
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
+_REACHED = 0.95  # of the highest brake: what comes before a valve vents has reached the full one
+_BEFORE_VENTING = 0.97  # of the highest brake before: samples above it are those of the full brake
 _HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
 
@@ -280,7 +282,14 @@ def brake_levels(brake: TimeSeries, start: float, stop: float) -> tuple[float, f
         return 0.0, 0.0, 0.0
     released = float(np.median(released_values)) if len(released_values) else 0.0
     noise = robust_sigma(released_values - released) if len(released_values) else 0.0
-    high_level = released + _HIGH_SHARE * (float(np.quantile(applied, 0.98)) - released)
+    highest, share = float(np.quantile(applied, 0.98)), _HIGH_SHARE
+    falls = np.maximum.accumulate(applied) - applied > DROP * (highest - released) + 5.0 * noise
+    if falls.any():  # what a valve of the WSP has vented is not all filled again
+        before = applied[: int(np.argmax(falls))]
+        highest_before = float(np.quantile(before, 0.98))
+        if highest_before - released >= _REACHED * (highest - released):
+            applied, highest, share = before, highest_before, _BEFORE_VENTING
+    high_level = released + share * (highest - released)
     return released, float(np.median(applied[applied >= high_level])), noise
 
 

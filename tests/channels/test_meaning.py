@@ -436,6 +436,13 @@ def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
     ]
 
 
+def test_axles_are_counted_on_over_a_motor_car_and_a_trailer() -> None:
+    names = ("CF {} eje {} [bar]", "Velocidad {} eje {} [km/h]")
+    fields = [Field(x.format(car, n)) for x in names for car in ("M1", "R2") for n in (1, 2)]
+    meant, _ = understood(fields, ())
+    assert [m.axle for m in meant] == [1, 2, 3, 4, 1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(
     ("name", "meaning"),
     [
@@ -811,7 +818,10 @@ def test_abbreviations_hold_in_their_language() -> None:
         ("reservoir_pressure", "Tlak vzduchojemu [bar]|Druk hoofdreservoir [bar]"),
         ("reservoir_pressure", "Przewód zasilający [bar]|Przewod zasilajacy [bar]"),
         ("brake_pipe", "Przewód główny [bar]|Przewod_glowny [bar]|vezetek nyomas [bar]"),
-        ("brake_pipe", "TFA [bar]|Presión TFA [bar]"),
+        ("brake_pipe", "TFA [bar]|Presión TFA [bar]|Conducto general [bar]"),
+        ("retarder", "Ralentizador|Freno hidrodinámico"),
+        ("wsp_active", "Antipatinaje"),
+        ("brake_command", "Orden de freno"),
         ("reservoir_pressure", "TDP [bar]|Presión depósitos principales [bar]"),
         (
             "load_pressure",

@@ -25,6 +25,7 @@ from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import (
     StopSignals,
     TimeSeries,
+    brake_levels,
     of_log,
     of_records,
 )
@@ -62,6 +63,24 @@ def signals(
 
 def measured(x: StopSignals, to_level: ToLevel = FLAT, **stated: float) -> list[StopSummary]:
     return [measure_stop(x, b, to_level, StopSettings(**stated)) for b in find_brakings(x)]
+
+
+@pytest.mark.parametrize("vents", [[], [6.0], [5.0, 7.0, 9.0], [9.5]])
+def test_the_full_brake_is_that_before_a_valve_vents(vents: list[float]) -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    pressure = 3.2e5 * -np.expm1(-np.maximum(t - 1.0, 0.0) / 0.6)
+    for vent in vents:  # and fills again, by less
+        last = vent == max(vents)
+        fill = -np.expm1(-np.maximum(t - vent, 0.0) / 2.0)
+        pressure = np.where((t > vent) & (last | (t < vent + 2.0)), 2.2e5 + 0.8e5 * fill, pressure)
+    _, full_value, _ = brake_levels(TimeSeries(t, pressure), 1.0, 19.0)
+    assert full_value == pytest.approx(3.2e5, rel=0.005)
+
+
+def test_the_full_brake_is_the_last_one_where_it_is_the_stronger() -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    pressure = np.interp(t, [1.0, 2.0, 6.0, 6.2, 9.0, 10.0], np.array([0, 2, 2, 1, 1, 3]) * 1e5)
+    assert brake_levels(TimeSeries(t, pressure), 1.0, 19.0)[1] == pytest.approx(3e5, rel=0.005)
 
 
 @settings(max_examples=25, deadline=None)

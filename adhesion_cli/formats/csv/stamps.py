@@ -102,7 +102,7 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str, s
     length = {name: int(np.ptp(numbers)) for name, numbers in days.items()}
     if not any(length.values()):
         names = list(forms)
-        american = re.search(r"(?i)[ap]\.?\s?m", cells[0])
+        american = re.search(r"(?i)[ap]m\b", cells[0])  # "a. m." is Spanish
         form = next((x for x in names if x.endswith("mdy") and american), names[0])
         first_field = {"mdy": "month", "ymd": "year"}.get(form[-3:], "day")
         other_form = next((x for x in names if days[x][0] != days[form][0]), "")
