@@ -74,7 +74,7 @@ def test_the_full_brake_is_that_before_a_valve_vents(vents: list[float]) -> None
         fill = -np.expm1(-np.maximum(t - vent, 0.0) / 2.0)
         pressure = np.where((t > vent) & (last | (t < vent + 2.0)), 2.2e5 + 0.8e5 * fill, pressure)
     _, full_value, _ = brake_levels(TimeSeries(t, pressure), 1.0, 19.0)
-    assert full_value == pytest.approx(3.2e5, rel=0.005)
+    assert full_value == pytest.approx(3.2e5, rel=0.01)  # two sigma of what the response states
 
 
 def test_the_full_brake_is_the_last_one_where_it_is_the_stronger() -> None:
