@@ -57,6 +57,8 @@ def _reason_unknown(identified: IdentifiedVehicle, log: AlignedLog) -> str:
         return "its motors act as well, and no mass is stated"
     if len(log.axles) == 1 and any(f.code == "axle-incomplete" for f in log.findings):
         return "only one axle of several has a pressure"
+    if log.grids.coarse.slid_together:
+        return "all its wheels slide, and no train speed is logged"
     return "no brake application in it slows the train as the pressure says"
 
 
