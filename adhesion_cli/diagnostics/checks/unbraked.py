@@ -46,7 +46,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         spring = float(cylinder_pressure(force_line(s.vehicle), 0.0))
         code = "pressure-below-spring"
         values |= {"pressure_bar": pressure_there / 1e5, "spring_bar": spring / 1e5}
-    yield s.finding(code, "warning", brake, lasting, 0, values, {"units": join_units(likely)})
+    names = {"units": join_units(likely), "unit": likely[0] if likely else "bar"}
+    yield s.finding(code, "warning", brake, lasting, 0, values, names)
 
 
 def _correlation(x: np.ndarray, y: np.ndarray) -> float:
