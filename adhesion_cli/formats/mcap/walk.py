@@ -145,8 +145,7 @@ class Walk:
             try:
                 opcode, length = self._file.head(offset)
             except DamageError as damage:
-                if not has_ended:  # else nothing is lost
-                    self._note(damage)
+                self._note(damage)
                 return
             next_record = offset + HEADER.size + length
             try:

@@ -97,7 +97,7 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
         "Begun": start[:16].replace("T", " ") if start else DASH,
         "Brake applications": str(max((len(a.applications) for a in run.axles), default=0)),
         "Braked for [s]": number(sum(a.end_s - a.start_s for a in _first_axle(run)), 1),
-        "Deceleration, mean [m/s²]": number(_mean_deceleration(run), 3),
+        "Speed lost over time [m/s²]": number(_mean_deceleration(run), 3),
         "per bar": " ± ".join(by_uncertainty(per_bar, u95, 3)) if per_bar and u95 else DASH,
         "µ mean": "–".join(dict.fromkeys(mean_range)),
         "Slides": str(sum(a.slides for a in applications)) if slides_known else "?",

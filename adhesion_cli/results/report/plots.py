@@ -36,6 +36,7 @@ _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
 _WEAK = 0.13
 _EQUIVALENT = "equivalent_deceleration"
+_LEAST_SPREAD = 2.0  # of speeds around the stops of a series [km/h]
 _LEAD_TIME = 3.0  # shown before and after braking, where runs are compared [s]
 _NARROW = 45  # letters in a row of a legend that a narrow screen has room for
 _SIGN = 5  # of these for the sign in front of each name
@@ -153,7 +154,10 @@ class Figures:
         """Deceleration over speed of all stops, and their distances; returns the places."""
         groups = list(dict.fromkeys(s.group for s in stops))
         over_speed = _figure("Deceleration [m/s²]", 280, "speed [km/h]")
+        begins = [3.6 * s.stop.initial_speed_mps.value for s in stops if s.stop.initial_speed_mps]
         distances = _figure("Distance [m]", 260, "speed at the command [km/h]")
+        if begins:  # stops from one speed are not spread over the figure
+            distances.x_range = Range1d(min(begins) - _LEAST_SPREAD, max(begins) + _LEAST_SPREAD)
         shows_equivalent = all(s.measured(_EQUIVALENT) for s in stops if s.stop.valid)
         quantity = _EQUIVALENT if shows_equivalent else "mean_deceleration"
         title = "Equivalent deceleration" if shows_equivalent else "Mean deceleration"
