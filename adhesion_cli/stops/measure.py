@@ -89,6 +89,7 @@ def measure_stop(
     errors = {
         **_speed_errors(values, smooth, signals, settings.speed_scale, response.by_speed),
         "sliding axles": {"distance": hidden},
+        "gap of the speed": {"distance": _gap_error(signals, command, braking.stop)},
         "command time": _early_command(v0, command_u),
         "dead time": _early_command(v0, unknown),
         "pressure clock": {"distance": v0 * clock, "duration": clock, **of_response},
@@ -150,6 +151,15 @@ def _has_shape(
     return not signals.is_coarse[(t >= command) & (t <= stop) & (v > SLOW)].any()
 
 
+def _gap_error(signals: StopSignals, command: float, stop: float) -> float:
+    """1 sigma of the distance, where wheels that may creep fill a gap of the speed [m]."""
+    t, v = signals.speed
+    if signals.filled is None:
+        return 0.0
+    inside = signals.filled & (t >= command) & (t <= stop)
+    return _GAP_SHARE * float(np.sum(np.where(inside, v * np.gradient(t), 0.0)))
+
+
 def _measured(x: Parameter | None) -> Measured | None:
     return x and Measured(x.value, K95 * x.tolerance)
 
@@ -194,6 +204,7 @@ def _quantities(
 
 
 _OF_ANY_BRAKING = {"initial_speed_mps", "delay_s", "response_time_s"}  # also of no whole stop
+_GAP_SHARE = 0.01  # 1 sigma of the speed of braked wheels that roll, as a share
 _LEAST_DEAD_TIME, _MOST_DEAD_TIME = 0.2, 1.5  # 1 sigma, assumed [s]
 _DEAD_TIME_SHARE = 0.2  # the same of the build-up, between them
 DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Times, Vehicle
 from ..core.physics import STANDING, with_fade
 from ..core.signals import in_order, means_around, median_of_five, robust_sigma
@@ -21,6 +22,7 @@ SpeedSource = Literal["train", "axles"]
 FAST = 0.275  # longest interval of a fast train speed: 4 readings a second, and 10 % [s]
 _AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
+GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _COMMANDS: tuple[Meaning, ...] = ("brake_command", "emergency", "brake_pipe")
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
@@ -74,6 +76,7 @@ class StopSignals(NamedTuple):
     # by axle, the clamping force with what friction changes of it, where the vehicle is known
     clamping: Mapping[int, TimeSeries] = {}
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
+    filled: Bools | None = None  # where the speed was not logged, and is the wheels', (n,)
 
     @property
     def by_wheels(self) -> bool:
@@ -108,13 +111,14 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         alone = r.speeds_alone and r.speeds_alone.wheel_speed * radius.value
         rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns, alone)
         radius_shares[r.axle] = radius.tolerance / radius.value
-    scale, sigma, is_coarse = UNKNOWN_SCALE, 0.0, None
+    scale, sigma, is_coarse, filled = UNKNOWN_SCALE, 0.0, None, None
     if measured and base.train_speed is not None:
         alone = base.speeds_alone and base.speeds_alone.train_speed
         train = _with_alone(base, base.train_speed, start_ns, alone)
         sigma = delay_sigma(base)
         if base.train_speed_interval > FAST:
             train, is_coarse = _shaped(train, rims, base.train_speed_interval)
+        train, filled = _over_gaps(train, rims)
     else:
         radius = vehicle.radius(base.axle)
         train, scale = _fastest(rims, rims[base.axle].t), radius.share
@@ -144,6 +148,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         radius_shares=radius_shares,
         clamping=clamping,
         knows_delay=not (measured and has_uncertain_delay(base)),
+        filled=filled,
         **_logged(log),
     )
 
@@ -266,6 +271,32 @@ def _shaped(
     next_reading = np.interp(train.t + interval, train.t, train.value)
     shaped = np.where(fastest < STANDING, np.fmin(train.value, next_reading), fastest + mean)
     return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse
+
+
+def _over_gaps(
+    train: TimeSeries, rims: Mapping[int, TimeSeries]
+) -> tuple[TimeSeries, Bools | None]:
+    """A train speed that has gaps, as of a receiver in a tunnel, and where the wheels fill them.
+
+    The fastest wheel, with its difference before and after, takes the place of the train where it
+    rolls at both ends and gains no speed between.
+    """
+    fastest = _fastest(rims, train.t).value
+    difference = train.value - fastest
+    known, filled = np.isfinite(difference), np.zeros(len(train.t), dtype=np.bool_)
+    value = train.value.copy()
+    for start, stop in true_runs(~np.isfinite(train.value)):
+        before = np.flatnonzero(known & (train.t < train.t[start]))[-1:]
+        after = np.flatnonzero(known & (train.t > train.t[stop - 1]))[:1]
+        ends = np.append(before, after)
+        gap = fastest[start:stop]
+        limit = np.maximum(_ROLLING * train.value[ends], _SLOW_ROLLING)
+        if len(ends) < 2 or not np.isfinite(gap).all() or (abs(difference[ends]) > limit).any():
+            continue
+        if np.max(gap - np.minimum.accumulate(gap)) < GAIN:
+            offset = np.interp(train.t[start:stop], train.t[ends], difference[ends])
+            value[start:stop], filled[start:stop] = gap + offset, True
+    return TimeSeries(train.t, value), filled if filled.any() else None
 
 
 def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import SLOW
-from .signals import FAST, TimeSeries, quantisation_step
+from .signals import FAST, GAIN, TimeSeries, quantisation_step
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _STEP = 0.02  # of the smoothed speed [s]
@@ -25,7 +25,6 @@ _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its co
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
 _LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
 _FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
-_GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
 class SmoothSpeed(NamedTuple):
@@ -122,7 +121,7 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     back near the train's speed again and again; lines between these moments, so that the
     deceleration does not fall, are the train.
     """
-    if float(np.max(v - np.minimum.accumulate(v))) < _GAIN:
+    if float(np.max(v - np.minimum.accumulate(v))) < GAIN:
         return v, 0.0
     hull: list[int] = []
     for k in range(len(t)):

@@ -20,7 +20,7 @@ from adhesion_cli.rail.speed_errors import DELAY_SIGMA
 from adhesion_cli.rail.wheel_calibration import calibrate_radius
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
-from adhesion_cli.stops.measure import ToLevel, measure_stop
+from adhesion_cli.stops.measure import ToLevel, _gap_error, measure_stop
 from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import (
     StopSignals,
@@ -723,6 +723,29 @@ def test_a_slow_and_late_train_speed_does_not_move_while_all_wheels_stand() -> N
     x = of_records([slow], made.log, made.vehicle)
     moves = x.speed.t[x.speed.value > STANDING]
     assert moves[-1] - x.speed.t[0] < stands + 0.8  # not for longer than the speed is late
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_wheels_that_roll_fill_a_gap_of_the_train_speed(slides: bool) -> None:
+    made = result(1, 6000)
+    record = made.axles[0].record
+    t = (record.t - record.t[0]) * 1e-9
+    v = np.clip(20.0 - 0.5 * (t - 5.0), 0.0, 20.0)
+    slip = np.where(t > 5.0, 0.004, 0.0) + slides * np.interp(t, [15, 17, 18], [0.0, 0.3, 0.0])
+    wheel = v * (1.0 - slip) / made.vehicle.radius(record.axle).value
+    gap = (t > 12.0) & (t < 22.0)
+    broken = replace(
+        record, wheel_speed=wheel, train_speed=np.where(gap, np.nan, v), train_speed_interval=0.01
+    )
+    x = of_records([broken], made.log, made.vehicle)
+    if slides:  # the train is not known
+        assert x.filled is None
+        assert np.isnan(x.speed.value[gap]).all()
+        return
+    assert x.filled is not None
+    assert np.array_equal(x.filled, gap)
+    assert x.speed.value == pytest.approx(v, abs=0.02)
+    assert _gap_error(x, 5.0, 45.0) == pytest.approx(0.01 * np.trapezoid(v[gap], t[gap]), rel=0.01)
 
 
 @pytest.mark.parametrize("rate", [50.0, 10.0, 5.0])
