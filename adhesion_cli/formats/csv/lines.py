@@ -12,6 +12,7 @@ import lzma
 import re
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -33,14 +34,11 @@ READABLE = f"give a log in one of the formats: {FORMATS}"
 _MARKS = {"utf-8": codecs.BOM_UTF8}
 _MARKS |= {"utf-16-le": codecs.BOM_UTF16_LE, "utf-16-be": codecs.BOM_UTF16_BE}
 Line = tuple[int, str]  # number, from 1, and text
-# Shift-JIS: kana and kanji that no European text has as two bytes, then any kanji. Two neighbours
-# are a word; one alone may be a dash, an apostrophe or a per mille sign of cp1252 and what follows.
-_JAPANESE_LETTER = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
-_ANY = rb"(?:\x81\x5b|\x82[\x9f-\xf1]|[\x83\x88-\x9f][\x40-\x7e\x80-\xfc])"
-_JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_JAPANESE_LETTER, _ANY, _ANY, _JAPANESE_LETTER))
 
-# Words for pressure, speed and wheel by which a codec is known, and the first codec that has them.
+# Words for time, pressure, speed and wheel by which a codec is known; the first that has one is it.
 _LANGUAGE_WORDS = {
+    "gb18030": "时间 压力 速度 车速 轴速 轮速 制动 闸缸 缸压 采样 日期",
+    "cp932": "時間 時刻 圧力 速度 車輪 車軸 ブレーキ シリンダ 日付 電圧",
     "cp1250": "ciśni prędko koła kołow tlak nyomás presiun",
     "cp852": "ciśni prędko koła kołow nyomás",
     "cp1251": "давлен скорост тиск швидк ось км/ч",
@@ -86,31 +84,15 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         raise UserError(f"{path}: is a binary file, not CSV", READABLE)
     if head.isascii():
         return "utf-8", "only ASCII in the head"
-    if _decodes(head, "utf-8"):
+    with suppress(UnicodeDecodeError):
+        codecs.getincrementaldecoder("utf-8")("strict").decode(head)
         return "utf-8", "the head decodes"
     for codec, stems in _LANGUAGE_WORDS.items():
         # bytes have no letters beyond ASCII, so each word is looked for in three forms
         spellings = (f(x) for x in stems.split() for f in (str.lower, str.upper, str.title))
         if any(spelling.encode(codec) in head for spelling in spellings):
             return codec, "not UTF-8; words of its languages"
-    high_bytes = len(re.findall(rb"[\x80-\xff]", head))
-    # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
-    pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
-    has_many_pairs = pairs > 0.9 * high_bytes and high_bytes > 50
-    if pairs > 0.5 * high_bytes and (has_many_pairs or _decodes(head, "gb18030")):
-        return "gb18030", "not UTF-8; high bytes come in pairs"
-    japanese_bytes = sum(map(len, _JAPANESE.findall(head)))  # bytes
-    if 2 * japanese_bytes > high_bytes and _decodes(head, "cp932"):
-        return "cp932", "not UTF-8; words of Shift-JIS"
-    return "cp1252", "not UTF-8; high bytes stand alone"
-
-
-def _decodes(head: bytes, codec: str) -> bool:
-    try:
-        codecs.getincrementaldecoder(codec)("strict").decode(head)
-    except UnicodeDecodeError:
-        return False
-    return True
+    return "cp1252", "not UTF-8; no words of other languages"
 
 
 def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[Line]:
