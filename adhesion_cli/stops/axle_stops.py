@@ -7,17 +7,22 @@ from typing import Literal
 import numpy as np
 
 from ..core.masks import true_runs
-from ..core.model import Floats
-from ..core.physics import SLIDE, WORKING
-from ..core.signals import median_of_five, robust_sigma
+from ..core.model import Floats, Parameter
+from ..core.physics import SLIDE, SLOW, WORKING
+from ..core.signals import means_around, median_of_five, robust_sigma
 from ..core.summary import AxleStop
 from ..rail.events import SHORTEST_SLIDE
 from ..rail.locks import find_locks
 from .find import Braking
 from .settings import StopSettings
 from .signals import DROP, StopSignals, TimeSeries, brake_levels
+from .speed import excess_of_highest
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
+_SLIP_TIME = 0.1  # over which the largest slip of a wheel that does not slide is a mean [s]
+_FAST_TIME = 0.5  # over which the train's speed is a mean that is judged [s]
+_NOISE_TIMES = 0.1, 0.3, 1.0  # over which a slip's noise may be the same, as of a receiver [s]
+_SLOWING_TIME = 2.0  # over which its deceleration there is a mean [s]
 _SWITCHED_ON = 0.5  # a state is 0 or 1
 
 
@@ -31,15 +36,15 @@ def axle_stops(
             rim = signals.rims[axle].cut(command, braking.stop)
             v, least_v = signals.speed.interpolated(rim.t), signals.least_speed(rim.t)
             v = v if signals.knows_delay else least_v
-            has_slip = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
+            # noise of a single speed selects no samples: those of a high noise would stay
+            is_fast = means_around(rim.t, np.nan_to_num(v), _FAST_TIME) > WORKING
+            has_slip = np.isfinite(v) & np.isfinite(rim.value) & is_fast & (v > SLOW)
             slips = 1.0 - rim.value[has_slip] / v[has_slip]
             if len(slips):
-                errors = _slip_errors(rim.t[has_slip], v[has_slip], slips, signals.delay_sigma)
-                smooth = median_of_five(slips)
-                k = int(np.argmax(smooth))
-                slip = float(smooth[k])
-                by_radius = 2.0 * signals.radius_shares.get(axle, 0.0)
-                slip_u95 = math.hypot(float(errors[k]), by_radius)
+                columns = rim.t[has_slip], v[has_slip], slips
+                errors = _slip_errors(*columns, signals.delay_sigma)
+                slip, sigma = _largest_slip(*columns, signals)
+                slip_u95 = 2.0 * math.hypot(sigma, signals.radius_shares.get(axle, 0.0))
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
                 levels = (SLIP_BANDS[0] + x for x in (-errors, errors))
@@ -85,6 +90,39 @@ def all_axles_slide(signals: StopSignals, start: float) -> bool:
     return bool(slides) and all(slides)
 
 
+def _largest_slip(t: Floats, v: Floats, slips: Floats, signals: StopSignals) -> Parameter:
+    """The largest slip of a short time, and 1 sigma of it by noise and by the train's speed.
+
+    The largest of several values has the largest of their errors, too: half of what that is to be
+    expected is taken off, as of the largest jerk.
+    """
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else _SLIP_TIME
+    smooth = means_around(t, median_of_five(slips), _SLIP_TIME)
+    widths = sorted({max(round(x / interval), 1) for x in _NOISE_TIMES})
+    noise = max(_noise(smooth, v, width) for width in widths)
+    k = int(np.argmax(smooth))
+    sigma = noise / float(v[k])
+    near = np.sum(smooth > smooth[k] - 2.0 * sigma) / widths[0]
+    half_excess = 0.5 * sigma * excess_of_highest(1.0 + float(near))
+    around = np.abs(t - t[k]) < _SLOWING_TIME / 2.0
+    slowing = max(_slowing(t, v), _slowing(t[around], v[around]))
+    by_train = math.hypot(signals.delay_sigma * slowing, signals.level_sigma) / float(v[k])
+    return Parameter(float(smooth[k]) - half_excess, math.hypot(sigma, half_excess, by_train))
+
+
+def _noise(slips: Floats, v: Floats, width: int) -> float:
+    """1 sigma of the speeds [m/s] by the second differences of a slip over so many samples."""
+    if len(slips) <= 2 * width:
+        return 0.0
+    bends = slips[2 * width :] - 2.0 * slips[width:-width] + slips[: -2 * width]
+    return robust_sigma(bends * v[width:-width]) / math.sqrt(6.0)
+
+
+def _slowing(t: Floats, v: Floats) -> float:
+    """Mean deceleration [m/s²]."""
+    return abs(float(v[0] - v[-1])) / max(float(t[-1] - t[0]), 1e-9)
+
+
 def _slip_errors(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> Floats:
     """Expanded uncertainty of each slip by noise and delay, larger the slower the train is, (n,).
 
@@ -92,8 +130,7 @@ def _slip_errors(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> Flo
     all of them. `delay_sigma` is in s.
     """
     noise = robust_sigma((slips - median_of_five(slips)) * v)
-    slowing = abs(float(v[0] - v[-1])) / max(float(t[-1] - t[0]), 1e-9)
-    errors: Floats = 2.0 * math.hypot(noise, delay_sigma * slowing) / v
+    errors: Floats = 2.0 * math.hypot(noise, delay_sigma * _slowing(t, v)) / v
     return errors
 
 

@@ -72,6 +72,7 @@ class StopSignals(NamedTuple):
     others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
+    level_sigma: float = 0.0  # 1 sigma of the speed by those of a slow one, where wheels shape it
     radius_shares: Mapping[int, float] = {}  # by axle, 1 sigma of the wheel's radius
     # by axle, the clamping force with what friction changes of it, where the vehicle is known
     clamping: Mapping[int, TimeSeries] = {}
@@ -111,13 +112,13 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         alone = r.speeds_alone and r.speeds_alone.wheel_speed * radius.value
         rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns, alone)
         radius_shares[r.axle] = radius.tolerance / radius.value
-    scale, sigma, is_coarse, filled = UNKNOWN_SCALE, 0.0, None, None
+    scale, sigma, is_coarse, filled, level_sigma = UNKNOWN_SCALE, 0.0, None, None, 0.0
     if measured and base.train_speed is not None:
         alone = base.speeds_alone and base.speeds_alone.train_speed
         train = _with_alone(base, base.train_speed, start_ns, alone)
         sigma = delay_sigma(base)
         if base.train_speed_interval > FAST:
-            train, is_coarse = _shaped(train, rims, base.train_speed_interval)
+            train, is_coarse, level_sigma = _shaped(train, rims, base.train_speed_interval)
         train, filled = _over_gaps(train, rims)
     else:
         radius = vehicle.radius(base.axle)
@@ -145,6 +146,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         others_later=pressure_delay.value < -EARLY,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
+        level_sigma=level_sigma,
         radius_shares=radius_shares,
         clamping=clamping,
         knows_delay=not (measured and has_uncertain_delay(base)),
@@ -251,8 +253,10 @@ def _on_segments(
 
 def _shaped(
     train: TimeSeries, rims: Mapping[int, TimeSeries], interval: float
-) -> tuple[TimeSeries, Bools]:
+) -> tuple[TimeSeries, Bools, float]:
     """A slow train speed with the shape of the fastest wheel, and where it has none, (n,).
+
+    Last, 1 sigma of its level by the noise of the readings [m/s].
 
     The wheels are quick and creep; the train speed is slow and does not. The sum of the wheels'
     speed and of the averaged difference has neither fault. Where all wheels slide, and as long
@@ -270,7 +274,11 @@ def _shaped(
     is_coarse: Bools = share < 1.0
     next_reading = np.interp(train.t + interval, train.t, train.value)
     shaped = np.where(fastest < STANDING, np.fmin(train.value, next_reading), fastest + mean)
-    return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse
+    readings = np.arange(train.t[0], train.t[-1], interval)
+    of_readings = np.interp(readings, train.t, rolling_difference)
+    changes = np.diff(of_readings[np.isfinite(of_readings)])
+    level_sigma = robust_sigma(changes) / math.sqrt(2.0 * _AVERAGED) if len(changes) else 0.0
+    return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse, level_sigma
 
 
 def _over_gaps(

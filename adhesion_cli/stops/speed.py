@@ -149,8 +149,6 @@ def largest_jerk(speed: SmoothSpeed, command: float, by_wheels: bool = False) ->
     brake builds up, the more the faster they are: that share is taken off. None for slow readings,
     and for brakings below a second.
     """
-    from scipy.special import ndtri  # slow to import
-
     v, interval = speed.v, speed.interval
     if interval > FAST or len(v) <= 2 * _WINDOW:
         return None
@@ -163,12 +161,18 @@ def largest_jerk(speed: SmoothSpeed, command: float, by_wheels: bool = False) ->
     highest = float(np.max(jerk))
     near_time = float(np.sum(jerk > highest - 2.0 * sigma)) * _STEP
     n = 1.0 + near_time / _JERK_NOISE
-    excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
-    half_excess = 0.5 * max(excess, 0.0)
+    half_excess = 0.5 * sigma * excess_of_highest(n)
     lost = 0.5 * _CORNER * (interval / FIT) ** 2 * highest
     creep, creep_sigma = (by_wheels * x * v[judged][np.argmax(jerk)] / FIT for x in CREEP)
     train = max(highest - half_excess, 0.0) / (1.0 + creep)
     return Parameter(train, math.hypot(sigma, half_excess, lost, creep_sigma * train))
+
+
+def excess_of_highest(n: float) -> float:
+    """How high the highest of n normal errors is to be expected, in sigma. Source: Blom."""
+    from scipy.special import ndtri  # slow to import
+
+    return max(float(ndtri((n - 0.375) / (n + 0.25))), 0.0)
 
 
 def _third_degree(v: Floats) -> Floats:

@@ -405,6 +405,25 @@ def test_slides_in_the_build_up_leave_no_response() -> None:
     assert axle.max_slip == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.parametrize("readings", [1, 40])
+def test_the_noise_of_a_rolling_wheel_is_no_slip(readings: int) -> None:
+    """The largest of many slips is mostly noise; that of a receiver lasts from one to the next."""
+    x, _ = signals(rate=200.0)
+    t, v = x.speed
+    errors = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        train = v + np.interp(t, t[::readings], rng.normal(0.0, 0.02, len(t[::readings])))
+        rim = 0.997 * v + rng.normal(0.0, 0.02, len(t))
+        (stop,) = measured(x._replace(speed=TimeSeries(t, train), rims={1: TimeSeries(t, rim)}))
+        (axle,) = stop.axles
+        assert axle.max_slip is not None
+        assert axle.max_slip_u95 is not None
+        errors.append((axle.max_slip - 0.003) / axle.max_slip_u95)
+    assert np.mean(np.abs(errors) < 1.0) >= 0.9
+    assert axle.max_slip_u95 < 0.03
+
+
 @pytest.mark.parametrize(("begin", "known"), [(1.5, False), (4.0, True)])
 def test_a_slide_that_cuts_off_the_last_rise_leaves_no_response(begin: float, known: bool) -> None:
     """The brake fills as 1 − exp(−t/0.45 s), and its full value shows only before the slide."""
