@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from ..core.masks import runs_within, true_runs
 from ..core.model import Event, Floats, Regions, Times
 from ..core.physics import SLIDE, WORKING
+from ..core.signals import means_around
 from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]
 END_SLIP = 0.01  # slip at which a slide is over
 ROLLS = END_SLIP / 2.0  # a wheel that slips less rolls, whatever the error
 SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
+_LONGEST_CREEP = 0.5  # creep that an error may hide before and after a slide [s]
 _VENTED = 0.8  # of the largest brake force in a lock: less at its end lets the wheel turn
 _SHORTEST_REGION = 0.5  # least duration of a region that is an event [s]
 
@@ -71,8 +73,9 @@ def slides(  # noqa: PLR0913 (one column each)
     [N], and the `error` of slip that lasts, expanded. `is_lower_bound` is as in `Slide`.
     """
     parts, extent = [*segments], None
-    errors = s if error is None else np.hypot(error, 0.0 if noise is None else noise)
-    columns = t, v, s, errors
+    zeros = np.zeros(len(s))
+    lasting, changing = (zeros if x is None else x for x in (error, noise))
+    columns = t, v, s, lasting, changing
     depth = certain_slip - (0.0 if noise is None else noise)
     runs = [x for x in runs_within(certain_slip > END_SLIP, parts) if _is_deep(t[x], depth[x])]
     # slides are apart where the wheel slips least between them
@@ -112,16 +115,26 @@ class _Extent:
     """How long slides last, and how uncertain that and their largest slip are.
 
     A slide lasts from `END_SLIP` to `END_SLIP`. Its error moves both ends: the interval is from the
-    slip less its error to the slip with it. A wheel with half of that slip rolls. It crosses the
-    limit between samples, and slips most between them. Another slide ends it, too.
+    slip less its error to the slip with it, and at most `_LONGEST_CREEP` longer at each end. It
+    crosses the limit between samples, and slips most between them. Another slide ends it, too.
+    Where the noise of single samples hides that crossing, means of a short time show it.
     """
 
-    def __init__(self, segment: slice, columns: tuple[Times, Floats, Floats, Floats]) -> None:
-        t, self.v, s, self.error = (x[segment] for x in columns)
+    def __init__(
+        self, segment: slice, columns: tuple[Times, Floats, Floats, Floats, Floats]
+    ) -> None:
+        t, self.v, s, lasting, noise = (x[segment] for x in columns)
         self.segment, self.t, self.s = segment, t, s
         self.seconds: Floats = (t - t[0]) * np.float64(1e-9)
         self.interval = float(np.median(np.diff(self.seconds))) if len(t) > 1 else 0.0
-        levels = s, s + np.minimum(self.error, ROLLS)
+        self.error: Floats = np.hypot(lasting, noise)
+        is_known = np.isfinite(s)
+        mean = means_around(self.seconds, np.where(is_known, s, 0.0), SHORTEST_SLIDE)
+        count = max(SHORTEST_SLIDE / max(self.interval, 1e-9), 1.0)
+        is_noisy = is_known & (noise > ROLLS)
+        self.level = np.where(is_noisy, mean, s)
+        self.level_error = np.hypot(lasting, np.where(is_noisy, noise / math.sqrt(count), noise))
+        levels = self.level, self.level + self.level_error
         self.rolling = [np.flatnonzero(~(x > END_SLIP)) for x in levels]  # samples in no slide
 
     def measured(self, slide: Slide, earliest: int, end: int) -> Slide:
@@ -133,7 +146,11 @@ class _Extent:
         k = start + int(np.argmax(self.s[start:stop]))
         limits = earliest - self.segment.start, end - self.segment.start - 1
         (first, last), most = (self._around(rolling, k, limits) for rolling in self.rolling)
-        surely = start + np.flatnonzero(self.s[start:stop] - self.error[start:stop] > END_SLIP)
+        hidden = self.seconds[[first, last]] + np.array([-_LONGEST_CREEP, _LONGEST_CREEP])
+        before, after = np.searchsorted(self.seconds, hidden).tolist()
+        most = max(most[0], before), min(most[1], after, len(self.s) - 1)
+        certain = self.level[start:stop] - self.level_error[start:stop]
+        surely = start + np.flatnonzero(certain > END_SLIP)
         least = (surely[0], surely[-1]) if len(surely) else (k, k)
         shortest, duration, longest = (
             self.seconds[b] - self.seconds[a] for a, b in (least, (first, last), most)

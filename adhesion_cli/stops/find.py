@@ -27,6 +27,8 @@ _FEWEST = 4  # samples of a line
 _BEND_SIGMAS = 4.0  # from which the train slows less in the last second than in the one before
 _BENT = 0.02  # 1 sigma of standstill by a friction that rises in the last metres [s]
 _SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
+_HARDEST = 3.5  # no train slows harder by its wheels [m/s²]
+_LOCKING_TIME = 0.5  # over which that is a mean [s]
 _AVERAGED = 1.0  # time over which that is a mean [s]
 
 
@@ -68,6 +70,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             reason = f"the brake was released at {3.6 * last_speed:.0f} km/h"
         elif stop_index - release_index > _LONGEST_ROLL / STEP:
             reason = "the train rolled on after the release of the brake"
+        elif signals.speed_from == "axles" and (v_locked := _locking_speed(v[: stop_index + 1])):
+            reason = f"all wheels lock at {3.6 * v_locked:.0f} km/h, and no train speed is logged"
         else:
             reading = signals.interval if signals.is_coarse is None else 0.0
             slow = float(t[stop_index])
@@ -135,6 +139,20 @@ def _standing(v: Floats, locked: float) -> Bools:
         is_over = stop == len(v) or stop - start > locked / STEP
         standing[start:stop] = is_over or later < _FASTEST_START
     return standing
+
+
+def _locking_speed(v: Floats) -> float:
+    """The speed from which all wheels fall to standstill, harder than a train [m/s]; else 0.
+
+    `v` is the speed of the fastest of them, every `STEP`.
+    """
+    width = round(_LOCKING_TIME / STEP)
+    if len(v) <= width:
+        return 0.0
+    is_hard = v[:-width] - v[width:] > _HARDEST * _LOCKING_TIME
+    begin, end = (true_runs(is_hard) or [(0, 0)])[-1]
+    falls = end and len(v) - end - width < width  # down to standstill
+    return float(v[begin]) if falls and v[begin] > _ROLLED_OUT else 0.0
 
 
 def _bend(t: Floats, v: Floats, later: Bools) -> tuple[float, float] | None:

@@ -97,3 +97,20 @@ def test_slides_with_little_slip_between_do_not_overlap() -> None:
     for x in (first, second):
         assert x.duration_u95 is not None
         assert x.duration_u95 < 1.2
+
+
+def test_noise_that_hides_the_ends_of_a_slide_is_in_the_interval_of_its_duration() -> None:
+    """A wheel that creeps slowly into its slide, read with a noise of 0.75 %."""
+    t, errors = np.arange(0.0, 8.0, 0.02), []
+    true = np.interp(t, [2.0, 2.6, 2.8, 3.2, 3.4, 3.6], [0.005, 0.015, 0.12, 0.12, 0.015, 0.005])
+    expected = float(np.ptp(t[true > 0.01]))
+    noise, lasting = (np.full(len(t), x) for x in (0.015, 0.008))
+    for seed in range(20):
+        s = true - 0.006 + np.random.default_rng(seed).normal(0.0, 0.0075, len(t))
+        columns = (t * 1e9).astype(np.int64), np.full(len(t), 4.0), s, s - lasting, np.ones(len(t))
+        found = list(slides([slice(0, len(t))], *columns, False, noise, None, lasting))
+        longest = max(found, key=lambda x: x.duration)
+        assert longest.duration_u95 is not None
+        errors.append((longest.duration - expected) / longest.duration_u95)
+        assert longest.duration_u95 < 1.1
+    assert np.mean(np.abs(errors) < 1.0) >= 0.9

@@ -7,8 +7,10 @@ import pytest
 from helpers.samples import analysed_sample
 
 from adhesion_cli.analysis.summarise import brake_applications, summarise
+from adhesion_cli.core.model import Parameter
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.locks import LockLimits
+from adhesion_cli.rail.sliding import possible_begin
 from adhesion_cli.rail.stop_slides import _utilisation, add_slides
 
 
@@ -73,3 +75,18 @@ def test_the_utilisation_of_several_applications_keeps_its_interval() -> None:
     assert value == pytest.approx(0.7)
     assert interval == pytest.approx((0.6, 0.85))
     assert _utilisation([unknown]) == (None, None)
+
+
+@pytest.mark.parametrize(("share", "earliest"), [(0.0, 10.0), (0.01, 5.0)])
+def test_a_slide_that_the_error_of_the_slip_hides_may_be_the_first(
+    share: float, earliest: float
+) -> None:
+    axle = analysed_sample("low-adhesion").axles[0]
+    t = (axle.record.t - axle.record.t[0]) * 1e-9
+    slip = np.interp(t, [5.0, 5.1, 5.6, 5.7, 10.0, 10.1, 11.0], [0, 0.045, 0.045, 0, 0, 0.2, 0.0])
+    no_delay = replace(axle.record, train_speed_late=Parameter(0.0, 0.0))
+    doubtful = replace(axle, record=no_delay, slip=slip, slip_noise=None, radius_share=share)
+    start = int(np.searchsorted(t, 10.01))
+    first, last = possible_begin(doubtful, start, int(np.searchsorted(t, 3.0)))
+    assert t[first] == pytest.approx(earliest, abs=0.05)
+    assert t[last] == pytest.approx(10.0, abs=0.05)

@@ -268,6 +268,18 @@ def test_a_train_moves_on_where_all_its_wheels_lock_at_the_end(a: float, from_sp
     assert abs(stop.duration_s.value - (true_stop - ON)) < stop.duration_s.u95
 
 
+def test_wheels_that_all_lock_show_no_stop_without_a_train_speed() -> None:
+    x, _ = signals(a=0.7)
+    t, v = x.speed
+    locked = np.clip(v - 6.0 * np.maximum(t - ON - 5.0, 0.0), 0.0, None)
+    rims = {axle: TimeSeries(t, locked) for axle in (1, 2)}
+    (stop,) = measured(x._replace(speed=rims[1], rims=rims, speed_from="axles"))
+    assert stop.reason == "all wheels lock at 80 km/h, and no train speed is logged"
+    assert (stop.valid, stop.distance_m) == (False, None)
+    (by_train,) = measured(x._replace(rims=rims))
+    assert by_train.valid
+
+
 def test_wheels_that_all_slide_in_turn_show_no_jerk_of_the_train() -> None:
     x, _ = signals(a=0.7)
     t, v = x.speed.t, x.speed.value
