@@ -61,11 +61,14 @@ def test_a_log_that_begins_with_the_brake_applied_shows_no_zero(tmp_path: Path) 
     assert not zeros(cut, tmp_path)
 
 
-def bogies(second: Floats | float, line: str = "") -> list[Finding]:
-    """Findings on eight stops whose pressures are two bogies', with an error of the second."""
+def bogies(second: Floats | float, line: str = "", coasting: float = 0.01) -> list[Finding]:
+    """Findings on eight stops whose pressures are two bogies', with an error of the second.
+
+    A train that coasts slows by `coasting` [m/s²].
+    """
     t = np.arange(0.0, 800.0, 0.1)
     brake = np.interp(t % 100.0, [60.0, 62.0, 90.0, 92.0], [0.0, 2.0, 2.0, 0.0])
-    a = np.where(t % 100.0 < 20.0, 0.6, 0.0) - 0.2 * brake - 0.01
+    a = np.where(t % 100.0 < 20.0, 0.6, 0.0) - 0.2 * brake - coasting
     speed = 3.6 * np.maximum(4.0 + np.cumsum(a) * 0.1, 0.0)
     signals = {"BCP bogie 1 [bar]": brake, "BCP bogie 2 [bar]": brake + second}
     signals |= {f"axle {n} [km/h]": speed for n in (1, 2, 3, 4)}
@@ -85,6 +88,12 @@ def test_a_zero_beside_another_that_is_right_is_told_with_the_line_that_mends_it
     assert "another one at" in told.message
     assert not bogies(0.1, str(told.names["option"]))
     assert not bogies(0.02)
+
+
+@pytest.mark.parametrize("coasting", [0.0, 0.03])
+def test_a_zero_is_told_of_a_brake_without_spring_whatever_the_resistance(coasting: float) -> None:
+    (told,) = bogies(0.15, "`--set vehicle.spring_force=0`", coasting)
+    assert told.values["level_bar"] == pytest.approx(0.15, abs=0.003)
 
 
 def test_a_zero_that_drifts_is_told_with_the_line_that_states_its_tolerance() -> None:

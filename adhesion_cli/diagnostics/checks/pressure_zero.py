@@ -15,6 +15,7 @@ from ...train.grid import long_runs
 from ..registry import About
 from ..scene import Scene, pressure_unit
 
+_COASTING = 0.03  # deceleration of a train without brake, by its resistance or a gradient [m/s²]
 _FEWEST_PHASES = 6  # without brake, from which a drift shows
 ABOUT = About("Zero of the pressure", "force", 20)
 
@@ -67,9 +68,11 @@ def _released_brake(p: Params, s: Scene, i: int) -> _Rest | None:
     level = float(np.median(pressure[mask]))
     if top - level < p.applied * top:
         return None
+    # all brakes slow the train, and a small level of one of many does not show
     axle_vehicle = s.vehicle.of_axle(s.axles[i].record.axle)
-    slowed = s.by_rolling * float(clamping_force(np.array(level), axle_vehicle))
-    if slowed and np.nanmedian(slowing) > p.slows * slowed:
+    mean_level = np.array(np.nanmedian(np.nanmean(g.pressure[:, mask], axis=0)))
+    slowed = s.by_rolling * float(clamping_force(mean_level, axle_vehicle))
+    if slowed > _COASTING and np.nanmedian(slowing) > p.slows * slowed:
         return None
     return _Rest(mask, level, top)
 
