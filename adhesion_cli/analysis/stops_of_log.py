@@ -30,7 +30,9 @@ def stops_of_result(
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
     signals = of_records(records, result.log, result.vehicle)
-    signals = signals._replace(other_brakes=result.other_brakes)
+    has_motors = any(r.motor_clamping is not None for r in records)
+    mix_unknown = has_motors and not result.identified.known  # a pressure is no force then
+    signals = signals._replace(other_brakes=result.other_brakes, mix_unknown=mix_unknown)
     stops = _measured(signals, result.vehicle, settings, result.track, result.log)
     by_axle = list(applications)
     placed = (_with_adhesion(stop, by_axle) for stop in stops)

@@ -127,8 +127,10 @@ def find_response(
     longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
     is_disturbed = disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command)
     filling = max(quarters) / _QUARTER if is_disturbed else full_time.value
-    acts = signals.others_later or any(
-        f.overlaps(command, command + longest) for f in signals.other_brakes
+    acts = (
+        signals.others_later
+        or signals.mix_unknown
+        or any(f.overlaps(command, command + longest) for f in signals.other_brakes)
     )
     by_speed = None
     if smooth.interval <= FAST and (acts or not is_disturbed):

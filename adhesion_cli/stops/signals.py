@@ -69,6 +69,7 @@ class StopSignals(NamedTuple):
     by_pressure: bool = True  # whether `brakes` are pressures
     other_brakes: Sequence[Finding] = ()  # when brakes act that the log does not show
     pressure_sigma: float = 0.0  # 1 sigma of the pressures' delay, where the log shows one [s]
+    mix_unknown: bool = False  # whether nobody knows the share of motors in the brake
     others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]

@@ -756,6 +756,18 @@ def test_a_slow_and_late_train_speed_does_not_move_while_all_wheels_stand() -> N
     assert moves[-1] - x.speed.t[0] < stands + 0.8  # not for longer than the speed is late
 
 
+def test_where_nobody_knows_the_share_of_motors_the_deceleration_shows_the_response() -> None:
+    x, _ = signals()
+    (by_brakes,) = measured(x)
+    (by_speed,) = measured(x._replace(mix_unknown=True))
+    assert (by_brakes.response_from, by_speed.response_from) == ("brakes", "deceleration")
+    assert by_speed.response_time_s is not None
+    assert by_speed.response_time_s.value == pytest.approx((T_A + T_B) / 2.0, abs=0.05)
+    slow_brake = TimeSeries(x.speed.t, 3e5 * np.clip((x.speed.t - ON) / 12.0, 0.0, 1.0))
+    (unlike,) = measured(x._replace(mix_unknown=True, brakes={1: slow_brake}))
+    assert unlike.response_time_s is None  # never that of the pressure
+
+
 @pytest.mark.parametrize("slides", [False, True])
 def test_wheels_that_roll_fill_a_gap_of_the_train_speed(slides: bool) -> None:
     made = result(1, 6000)
