@@ -28,16 +28,30 @@ class Lock(NamedTuple):
 
 
 def find_locks(
-    t: Floats, v: Floats, rim: Floats, limits: LockLimits, runs: Iterable[slice] = (slice(0, None),)
+    t: Floats,
+    v: Floats,
+    rim: Floats,
+    limits: LockLimits,
+    runs: Iterable[slice] = (slice(0, None),),
+    least_v: Floats | None = None,
 ) -> list[Lock]:
     """The locks of a wheel, in the order of time, none across two runs.
 
     Times [s], speeds of train and rim [m/s] have shape (n,); a speed is NaN where it is not known.
+    A lock is sure where the train is fast for long enough by `least_v`, its speed less the error,
+    and lasts as long as it is fast by its speed.
     """
+    sure_v = v if least_v is None else least_v
     with np.errstate(invalid="ignore"):
-        runs = runs_within((rim < STANDING) & (v > limits.speed), runs)
-    locks = [Lock(x, float(t[x.stop - 1] - t[x.start])) for x in runs]
-    return [lock for lock in locks if lock.duration > limits.shortest]
+        stands = rim < STANDING
+        sure = runs_within(stands & (sure_v > limits.speed), runs)
+        locked = runs_within(stands & ((v > limits.speed) | (sure_v > limits.speed)), runs)
+    starts = [x.start for x in sure if t[x.stop - 1] - t[x.start] > limits.shortest]
+    return [
+        Lock(x, float(t[x.stop - 1] - t[x.start]))
+        for x in locked
+        if any(x.start <= start < x.stop for start in starts)
+    ]
 
 
 def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list[Lock]:
@@ -50,4 +64,5 @@ def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list
     with np.errstate(invalid="ignore"):  # a train that stands has no slip, nor an error of it
         least_speed = record.train_speed * (1.0 - CLEAR_SIGMAS * speed_error(record))
     seconds = (record.t - record.t[0]) * np.float64(1e-9)
-    return find_locks(seconds, least_speed, record.wheel_speed * radius, limits, record.segments)
+    rim = record.wheel_speed * radius
+    return find_locks(seconds, record.train_speed, rim, limits, record.segments, least_speed)

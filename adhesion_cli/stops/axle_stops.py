@@ -35,6 +35,9 @@ def axle_stops(
         if axle in signals.rims:
             rim = signals.rims[axle].cut(command, braking.stop)
             v, least_v = signals.speed.interpolated(rim.t), signals.least_speed(rim.t)
+            locks = [
+                x.duration for x in find_locks(rim.t, v, rim.value, settings.locks, least_v=least_v)
+            ]
             v = v if signals.knows_delay else least_v
             # noise of a single speed selects no samples: those of a high noise would stay
             is_fast = means_around(rim.t, np.nan_to_num(v), _FAST_TIME) > WORKING
@@ -50,7 +53,6 @@ def axle_stops(
                 levels = (SLIP_BANDS[0] + x for x in (-errors, errors))
                 lowest, highest = (float(np.mean(slips <= level)) for level in levels)
                 bands_u95 = (highest - lowest) / 2.0
-            locks = [x.duration for x in find_locks(rim.t, least_v, rim.value, settings.locks)]
             locked, longest = sum(locks, 0.0), max(locks, default=0.0)
             slip, slip_u95 = (1.0, 0.0) if locks else (slip and max(slip, 0.0), slip_u95)
         actions, vented = 0, None

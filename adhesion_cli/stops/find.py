@@ -13,6 +13,7 @@ from ..core.physics import LONGEST_DUMP, SLOW, STANDING
 from .signals import StopSignals, TimeSeries, quantisation_step
 
 BEGUN = "the log begins with the brake applied"  # why a braking has no command
+ALL_LOCK = "all wheels lock at"  # why a braking has no shape
 STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
@@ -71,7 +72,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         elif stop_index - release_index > _LONGEST_ROLL / STEP:
             reason = "the train rolled on after the release of the brake"
         elif signals.speed_from == "axles" and (v_locked := _locking_speed(v[: stop_index + 1])):
-            reason = f"all wheels lock at {3.6 * v_locked:.0f} km/h, and no train speed is logged"
+            reason = f"{ALL_LOCK} {3.6 * v_locked:.0f} km/h, and no train speed is logged"
         else:
             reading = signals.interval if signals.is_coarse is None else 0.0
             slow = float(t[stop_index])

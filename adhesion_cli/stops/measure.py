@@ -30,7 +30,7 @@ from ..core.physics import BAR, SLOW, G
 from ..core.summary import AxleStop, Measured, StopContribution, StopSummary
 from .axle_stops import all_axles_slide, axle_stops, on_time
 from .command import find_command, find_dead_time
-from .find import Braking
+from .find import ALL_LOCK, Braking
 from .response import BrakeResponse, find_response
 from .settings import StopSettings
 from .signals import StopSignals, TimeSeries
@@ -75,8 +75,7 @@ def measure_stop(
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
     response = find_response(signals, command, braking, settings.start_share, smooth)
-    usual = min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
-    nominal = settings.nominal_speed or float(usual)
+    nominal = settings.nominal_speed or _usual_speed(v0)
     equivalent = math.nan if hidden else response.equivalent.value
     times = braking.stop + locked.value - command, response.delay.value, equivalent
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
@@ -99,8 +98,7 @@ def measure_stop(
     }
     quantities, budget = _quantities(values, errors, nominal, to_level)
     axles = tuple(axle_stops(signals, command, braking, settings))
-    has_shape = not hidden and _has_shape(signals, axles, command, braking.stop)
-    jerk = largest_jerk(smooth, command, signals.by_wheels) if has_shape else None
+    is_hidden = bool(hidden) or braking.reason.startswith(ALL_LOCK)
     if braking.reason:
         quantities |= dict.fromkeys(quantities.keys() - _OF_ANY_BRAKING)
     return StopSummary(
@@ -115,7 +113,7 @@ def measure_stop(
         dead_time_s=_measured(find_dead_time(signals, braking)),
         build_up_s=None if math.isnan(equivalent) else _measured(_build_up(response)),
         response_from=None if math.isnan(equivalent) else response.source,
-        jerk=_measured(jerk),
+        jerk=None if is_hidden else _jerk(signals, smooth, axles, command, braking.stop),
         axles=axles,
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
         reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
@@ -123,6 +121,11 @@ def measure_stop(
         speed=(t[is_braking] - command, np.where(smooth.is_read, v, np.nan)[is_braking]),
         **quantities,
     )
+
+
+def _usual_speed(v0: float) -> float:
+    """The nominal speed that is nearest to a speed [m/s]; in km/h."""
+    return float(min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0)))
 
 
 def _build_up(response: BrakeResponse) -> Parameter | None:
@@ -137,6 +140,19 @@ def _reading_interval(signals: StopSignals) -> float:
     """Between readings of the speed [s]; of wheels, where they give its shape."""
     own_interval = 0.0 if signals.is_coarse is not None else signals.interval
     return max(float(np.median(np.diff(signals.speed.t))), own_interval)
+
+
+def _jerk(
+    signals: StopSignals,
+    smooth: SmoothSpeed,
+    axles: Sequence[AxleStop],
+    command: float,
+    stop: float,
+) -> Measured | None:
+    """The largest jerk, where a sensor shows the shape of the train's speed."""
+    if not _has_shape(signals, axles, command, stop):
+        return None
+    return _measured(largest_jerk(smooth, command, signals.by_wheels))
 
 
 def _has_shape(

@@ -134,8 +134,8 @@ def find_response(
     )
     by_speed = None
     if smooth.interval <= FAST and (acts or not is_disturbed):
-        shown, change = _force_share(signals, command, braking), _CHANGE if acts else _ANY_CHANGE
-        by_speed = _response_by_speed(signals, shown, command, braking, start_share, change)
+        shown = _force_share(signals, command, braking)
+        by_speed = _response_by_speed(signals, shown, command, braking, start_share, acts)
     difference = _sure_difference(signals, by_speed) if by_speed else 0.0
     if acts or (by_speed and difference > _ALIKE + _FRICTION_SHARE * by_speed.of_shown):
         delay, equivalent = (by_speed.delay, by_speed.equivalent) if by_speed else [unknown] * 2
@@ -195,7 +195,7 @@ def _response_by_speed(
     command: float,
     braking: Braking,
     start_share: float,
-    change: float,
+    acts: bool,
 ) -> _ResponseBySpeed | None:
     """The response of all brakes by the deceleration.
 
@@ -205,19 +205,21 @@ def _response_by_speed(
         v = v_0 + c t - a Q - b R - d ∫ (1 - v/v_0) dt,  Q = ∫ q dt, R = ∫ r dt,
 
     is fitted to the first half of the braking, or until such a brake ends. d is the change of the
-    deceleration with the speed, within `change` of it. r rises at any time, within any time, in a
+    deceleration with the speed, within `_CHANGE` of it. r rises at any time, within any time, in a
     line, by saturation or as an S. At the end t of that, the line of the speed at established
     deceleration meets that of coasting at t - (a Q + b R) / (a q + b). The response is its mean
     over all r by their likelihood, and the delay that of the time at which a q + b r has the share
     `start_share` of its end. None where the brakes are not built up by then, where a wheel slides,
     and where the train slows before the command. Wheels creep by a share of their speed, and seem
-    to slow earlier. `share` is q after the command.
+    to slow earlier. `share` is q after the command; `acts` whether such a brake is known to act.
     """
     ends = [b - command for f in signals.other_brakes for _, b in f.spans if b > command]
     end = min([_LONGEST_BUILD_UP * (braking.stop - command), *ends])
     run = _rolling_speed(signals).cut(command - _COASTING_TIME, command + end)
     finite = np.isfinite(run.value)
-    slid = any(_slides(signals, axle, command, end) for axle in signals.rims)
+    # a rail that limits the brakes makes a train slow later, too, before any wheel slides
+    slip = _SLIDES if acts else _CREEPS
+    slid = any(_slides(signals, axle, command, end, slip) for axle in signals.rims)
     if slid or end < _SHORTEST_FIT or not finite.any():
         return None
     bins = np.floor((run.t[finite] - command) / _BIN)
@@ -239,6 +241,7 @@ def _response_by_speed(
     loss_share = np.maximum(1.0 - np.interp(fine, t, v) / np.interp(0.0, t, v), 0.0)
     Q, D = (np.interp(t, fine, 0.01 * (np.cumsum(x) - x / 2.0)) for x in (q, loss_share))
     fixed = np.stack([np.ones_like(t), t, -Q, -D], axis=-1)
+    change = _CHANGE if acts else _ANY_CHANGE
     prior, coarse = _LEAST_NOISE * end / (change * lost), round(_DELAY_STEP / 0.01)
     begin_share = start_share or _FIRST_SHARE
     fit = _SpeedFit(t, v - v[0], fixed, prior, fine[::coarse], q[::coarse], begin_share)
@@ -357,8 +360,10 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
     return Parameter(float(t[k - 1] + fraction * (t[k] - t[k - 1])), sigma)
 
 
-def _slides(signals: StopSignals, axle: int, command: float, build_up: float) -> bool:
-    """Whether an axle begins to slide while its brake builds up [s]."""
+def _slides(
+    signals: StopSignals, axle: int, command: float, build_up: float, limit: float = _SLIDES
+) -> bool:
+    """Whether an axle begins to slip by more than a limit while its brake builds up [s]."""
     if axle not in signals.rims:
         return False
     rim = signals.rims[axle].cut(command, math.inf)
@@ -366,4 +371,4 @@ def _slides(signals: StopSignals, axle: int, command: float, build_up: float) ->
     with np.errstate(divide="ignore", invalid="ignore"):
         slip = np.where(v > SLOW, 1.0 - rim.value / v, 0.0)
         runs = true_runs(slip > _CREEPS)
-        return any(rim.t[a] - command < build_up and np.max(slip[a:b]) > _SLIDES for a, b in runs)
+        return any(rim.t[a] - command < build_up and np.max(slip[a:b]) > limit for a, b in runs)

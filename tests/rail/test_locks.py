@@ -35,6 +35,14 @@ def test_a_lock_up_to_standstill_counts_as_long_as_the_train_is_fast() -> None:
     assert V[lock.samples.stop - 1] == pytest.approx(LIMITS.speed, abs=0.01)
 
 
+def test_a_lock_that_is_sure_lasts_as_long_as_the_train_is_fast_by_its_speed() -> None:
+    error = np.full(len(T), 0.4)
+    (lock,) = find_locks(T, V, stands(30.0, 40.0), LIMITS, least_v=V - error)
+    (exact,) = find_locks(T, V, stands(30.0, 40.0), LIMITS)
+    assert lock == exact
+    assert not find_locks(T, V, stands(36.5, 40.0), LIMITS, least_v=V - error)
+
+
 def test_no_lock_reaches_across_segments_or_is_known_without_a_train_speed() -> None:
     t, K = (T * 1e9).astype(np.int64), np.full(len(T), 1e4)
     parts = slice(0, 1100), slice(1100, len(T))

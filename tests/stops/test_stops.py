@@ -275,7 +275,7 @@ def test_wheels_that_all_lock_show_no_stop_without_a_train_speed() -> None:
     rims = {axle: TimeSeries(t, locked) for axle in (1, 2)}
     (stop,) = measured(x._replace(speed=rims[1], rims=rims, speed_from="axles"))
     assert stop.reason == "all wheels lock at 80 km/h, and no train speed is logged"
-    assert (stop.valid, stop.distance_m) == (False, None)
+    assert (stop.valid, stop.distance_m, stop.jerk) == (False, None, None)
     (by_train,) = measured(x._replace(rims=rims))
     assert by_train.valid
 
