@@ -13,7 +13,7 @@ from ..number_text import group_mark, is_number, is_plain_number, number_grammar
 from ..source import ReadOptions
 from . import dialect
 from .dialect import TEXT_MARK, Dialect, fit, is_comment, is_null, split, without_brackets
-from .header import DELIMITERS, REMARKS, FirstRows, Header, column_names, find_header, lines_before
+from .header import DELIMITERS, REMARKS, FirstRows, Header, column_names, find_header
 from .header_words import label
 from .lines import Line, encoding_of, first_lines, first_numbers, line_too_long
 from .stamps import CLOCKS, DATES, STAMPS, forms_of, is_stamp
@@ -68,10 +68,10 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     if options.header is not False:
         table.refuse_width(header, used_width)
     names = column_names(header.names, used_width)
-    leading_lines = lines_before(table, header)
+    preamble_texts = tuple(x.strip() for number, x in lines if number < rows[header.top][0])
     units, units_reason = _units_row(table, header, labels, used_width)
     reasons |= {"header": _why_header(table, header, options), "units row": units_reason}
-    reasons |= _reasons_around(lines, leading_lines.get("preamble", 0))
+    reasons |= _reasons_around(lines, preamble_texts)
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
     proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
@@ -89,18 +89,18 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         decimal=decimal,
         headed=bool(header.names),
         first_line=rows[header.start][0],
-        leading_lines=leading_lines,
         reasons={k: x for k, x in reasons.items() if x},
         removals=removals,
         labels=labels,
         has_remarks=any(len(x) > width and x[width].casefold() in REMARKS for x in header.names),
         segments=_segments(preamble, rows_above),
-        preamble=tuple(text.strip() for number, text in lines if number < rows[header.top][0]),
+        preamble=preamble_texts,
     )
 
 
-def _reasons_around(lines: Sequence[tuple[int, str]], preamble_lines: int) -> dict[str, str]:
+def _reasons_around(lines: Sequence[Line], preamble: Sequence[str]) -> dict[str, str]:
     """What is said of comments and of the lines before the header."""
+    preamble_lines = sum(not is_comment(x) for x in preamble if x.strip(" \t;,|"))
     comment = next((m[1] for _, text in lines if (m := dialect.COMMENT.match(text))), "")
     return {
         "comments": comment and f"lines starting with {comment!r} (seen in the head)",

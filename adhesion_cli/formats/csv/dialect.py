@@ -46,7 +46,6 @@ class Dialect:
     decimal: str = "."
     headed: bool = True
     first_line: int = 1  # line of the first data row, from 1
-    leading_lines: dict[str, int] = field(default_factory=dict)  # lines before it, by class
     reasons: dict[str, str] = field(default_factory=dict)
     # what numbers do not need, by column: a pattern, of which group 1 stays
     removals: dict[int, str] = field(default_factory=dict)

@@ -1,7 +1,6 @@
 """Header, units and first data row of a table, found in the first rows of a file."""
 
 import re
-from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate, groupby
@@ -317,25 +316,3 @@ def _spread(heads: list[list[str]]) -> list[list[str]]:
         return cell or title
 
     return [*(list(accumulate(cells, last_title)) for cells in heads[:-1]), *heads[-1:]]
-
-
-def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
-    """How many lines of each class stand before the first data row."""
-    rows, top = table.rows, header.top
-
-    def kind(number: int, text: str) -> str:
-        if not text.strip(" \t;,|"):
-            return "blank"
-        if is_comment(text):
-            return "comment"
-        if top == header.start or number < rows[top][0]:
-            return "preamble"
-        is_units = header.units is not None and number == rows[header.units][0]
-        return "units" if is_units else "header"
-
-    first_line = rows[header.start][0]
-    counts: Counter[str] = Counter()
-    for number, text in table.lines:
-        if number < first_line:
-            counts[kind(number, text)] += 1 + text.count("\n")
-    return dict(counts)

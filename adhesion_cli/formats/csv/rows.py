@@ -64,7 +64,7 @@ class Losses:
     """Counts lines by class, and cells that hold no number."""
 
     def __init__(self, dialect: Dialect) -> None:
-        self.lines: Counter[str] = Counter(dialect.leading_lines)
+        self.lines = Counter({"above": dialect.first_line - 1})
         self.rows: dict[str, _Loss] = {}
         self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
         self.unread: dict[int, _Loss] = {}  # by column: all of it is left out

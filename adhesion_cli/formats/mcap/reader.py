@@ -1,6 +1,5 @@
 """MCAP logs as a Source: which numbers their messages hold, by which clock, and columns of them."""
 
-from bisect import bisect
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -64,18 +63,16 @@ class Collector:
         self.series, self._source, self.leaves = series, source, leaves
         self._log_start = log_start
         self.rows = 0  # messages so far
-        self._blocks: list[tuple[int, int]] = []  # first message and offset of each block
         assert series.decoder is not None
         self._decoded = Decoded(series.decoder, series.tree, leaves, series.stamp, series.rows)
         self._t = np.empty(series.rows, np.int64)
 
-    def take(self, records: Records, offset: int) -> None:
-        """Adds its messages of the block at an offset of the file."""
+    def take(self, records: Records) -> None:
+        """Adds its messages of the next block."""
         rows = slice(self.rows, self.rows + len(records.start))
         self.rows = rows.stop
         if rows.stop > self.series.rows:
             return  # the caller reports too many rows
-        self._blocks.append((rows.start, offset))
         self._t[rows] = records.publish_time if self._source == "publish" else records.log_time
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
             self._decoded.fill(rows.start, records.data, records.start, records.stop)
@@ -129,11 +126,10 @@ class Collector:
         return finding
 
     def _finding(self, fault: DecodingFault, rows: Offsets) -> Finding:
-        first_block = bisect([row for row, _ in self._blocks], rows[0]) - 1
         names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}
         finding = self.series.finding(fault.code, _SEVERITY[fault.code], len(rows), **names)
         spans = spans_of_mask(np.isin(np.arange(len(self._t)), rows), self._t, self._log_start)
-        return replace(finding, spans=spans, values={"byte": self._blocks[first_block][1]})
+        return replace(finding, spans=spans)
 
     def _column(self, leaf: Leaf, value: Floats, t: Times) -> Column:
         """One column; the numbers of an enum count its names."""
@@ -282,13 +278,13 @@ class McapSource(Source):
         for collector in collectors:
             topics.setdefault(collector.series.ids[0], []).append(collector)
             topic_of[collector.series.ids] = collector.series.ids[0]
-        for block, records in self.walk.reread():
+        for records in self.walk.reread():
             topic = topic_of[records.channel]
             order = np.argsort(topic, kind="stable")
             for rows in np.split(order, np.flatnonzero(np.diff(topic[order])) + 1):
                 if len(rows) and topic[rows[0]] >= 0:
                     for collector, batch in deal(topics[topic[rows[0]]], records.select(rows)):
-                        collector.take(batch, block.offset)
+                        collector.take(batch)
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:

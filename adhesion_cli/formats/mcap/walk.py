@@ -109,8 +109,8 @@ class Walk:
 
     # ------------------------------------------------------------------ what is whole, again
 
-    def reread(self) -> Iterator[tuple[RecordBlock, Records]]:
-        """The whole blocks a second time, with their records.
+    def reread(self) -> Iterator[Records]:
+        """The records of the whole blocks a second time.
 
         Raises:
             UserError: where a block has changed.
@@ -118,7 +118,7 @@ class Walk:
         try:
             with LogFile(self.path, self._content) as file:
                 for block in self.blocks:
-                    yield block, file.records(block)
+                    yield file.records(block)
         except DamageError:
             raise self.changed() from None
 

@@ -182,7 +182,7 @@ def test_a_list_of_channels_above_the_table_is_no_other_table(tmp_path: Path) ->
     source = open_csv(path, ReadOptions())
     assert [f.channel for f in source.fields] == ["p [bar]", "v [km/h]"]
     source.columns(source.fields)
-    assert source.lines == {"preamble": 4, "blank": 1, "header": 1, "used": 3}
+    assert source.lines == {"above": 6, "used": 3}
 
 
 def numbers_of(path: Path, text: str, options: ReadOptions | None = None) -> tuple:

@@ -384,7 +384,7 @@ def test_rows_left_out_are_counted_by_class_and_located(log):
     source, columns = read(log, text)
     assert columns["p"].value.tolist() == [1, 6]
     assert source.lines == {
-        "header": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 1,
+        "above": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 1,
         "statistics": 1, "time missing": 1, "comment": 1, "blank": 1,
     }  # fmt: skip
     assert skipped(source) == [(4, "2", 1), (3, "1;2;3", 1), (6, ";5", 1), (5, "abc;4", 1)]
@@ -413,7 +413,7 @@ def test_half_a_character_at_the_end_is_a_line(log, end):
     data = b"\xff\xfe" + PLAIN.replace("\n", end).encode("utf-16-le") + b"1"
     source, columns = read(log, data)
     assert columns["p"].value.tolist() == P
-    assert source.lines == {"header": 1, "used": 3, "too few cells": 1}
+    assert source.lines == {"above": 1, "used": 3, "too few cells": 1}
 
 
 def test_column_with_a_unit_and_no_numbers_is_told(log):
@@ -437,7 +437,7 @@ def test_of_many_rows_of_another_width_a_part_is_looked_at(log, monkeypatch):
     source, columns = read(log, text)
     assert 900 <= len(seen) < 100_000
     assert source.lines == {
-        "header": 1, "used": 900, "too many cells": 100_200, "too few cells": 100_200,
+        "above": 1, "used": 900, "too many cells": 100_200, "too few cells": 100_200,
         "comment": 200, "blank": 200,
     }  # fmt: skip
     assert sum(source.lines.values()) == text.count("\n")
@@ -508,7 +508,7 @@ def test_units_stand_below_the_names(log):
     source, columns = read(log, PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"))
     assert [f.unit for f in source.fields] == ["bar", "km/h"]
     assert columns[source.fields[0].channel].t.tolist() == T
-    assert source.lines["units"] == 1
+    assert source.lines["above"] == 2
 
 
 def test_a_remark_behind_the_first_row_costs_no_row(log):
@@ -536,7 +536,7 @@ def left_out(source: CsvSource) -> list[tuple[int, str, int]]:
     assert {f.severity for f in found} == {"warning"}
     count = sum(f.count for f in found)
     assert count == sum(source.lines.values()) - sum(
-        source.lines[kind] for kind in ("used", "header", "preamble", "units")
+        source.lines[kind] for kind in ("used", "header", "above")
     )
     return skipped(source)
 
@@ -559,7 +559,7 @@ def test_a_change_of_delimiter_is_refused(log):
 def test_a_preamble_of_words_and_numbers_is_no_rows(log):
     text = "Vehicle,12\n2026-11-21,13:05:07\nbogie,1\n1,2\ndiameter,0.92,0.91,0.9\n"
     source, _ = read(log, text + "t [s],p,v\n" + numbered(3, 0, 20))
-    assert source.lines["preamble"] == 5
+    assert source.reasons["preamble"] == "5 lines (before the header)"
     assert not codes(source)
 
 
@@ -590,7 +590,7 @@ def test_the_same_header_again_is_no_loss(log, second):
     source, _ = read(log, text, strict=True)
     assert (source.rows, codes(source)) == (80, set())
     assert sum(source.lines.values()) == text.count("\n")
-    assert source.lines["header"] + source.lines["units"] == 3
+    assert (source.lines["above"], source.lines["header"]) == (2, 1)
 
 
 @pytest.mark.parametrize("second", ["t [s],p", "lost,lost,lost"])
@@ -976,7 +976,7 @@ def test_a_row_of_several_lines_is_left_out(log, rows):
     head = "".join(f"{k},{k},1\n" for k in range(rows))
     source, columns = read(log, f't [s],p,"note"\n{head}{rows},5,"a\nb"\n{rows + 1},6,"c"\n')
     assert columns["p"].value[-2:].tolist() == [rows - 1, 6]
-    assert source.lines == {"header": 1, "used": rows + 1, "too few cells": 2}
+    assert source.lines == {"above": 1, "used": rows + 1, "too few cells": 2}
 
 
 def test_elapsed_times_pass_a_day(tmp_path: Path) -> None:

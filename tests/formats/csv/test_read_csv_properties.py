@@ -136,7 +136,7 @@ def test_every_line_is_accounted_for(tmp_path_factory, body, end, last):
     path.write_bytes((text + (end if last else "")).encode())
     source = open_csv(path, ReadOptions())
     columns = source.columns(source.fields)
-    assert source.lines["preamble"] == source.lines["header"] == 1
+    assert source.lines["above"] == 2
     assert sum(source.lines.values()) == text.count(end) + 1
     assert source.lines["used"] == source.rows == len(columns[0].t)
     skipped = sum(f.count for f in source.findings if f.code == "csv-rows-skipped")
@@ -185,5 +185,5 @@ def test_a_ragged_row_that_is_no_utf_8_is_counted_in_silence(tmp_path, monkeypat
     monkeypatch.setattr("sys.unraisablehook", ignored.append)
     source = open_csv(path, ReadOptions())
     source.columns(source.fields)
-    assert source.lines == {"header": 1, "used": 899, "too many cells": 1}
+    assert source.lines == {"above": 1, "used": 899, "too many cells": 1}
     assert not ignored
