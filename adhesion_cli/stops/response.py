@@ -26,6 +26,7 @@ _CHANGE = 0.2  # 1 sigma of the change of a deceleration from the highest speed 
 _ANY_CHANGE = 1.0  # the same of cast iron
 _SHORTEST_FIT = 1.0  # [s]
 _STEADY = 0.02  # change of a share from the last eighth but one to the last: it is built up
+_LEVEL_TIME = 0.4  # a share that is constant for so long is a level [s]
 _IMPOSSIBLE = 1e6  # mean square of what cannot be [m²/s²]
 _SURE_SIGMAS = 2.0  # by which the responses of brakes and deceleration may differ
 _ALIKE = 0.1  # by which both may differ besides [s]
@@ -109,11 +110,8 @@ def find_response(
         if delay is None or build_up_end is None:
             disturbed = True
             continue
-        # A valve that acts as soon after it cuts the last rise off: the full value is not known.
-        rising = share[t <= 2.0 * build_up_end.value - delay.value]
-        rising = rising[np.isfinite(rising)]
-        fall = np.max(np.maximum.accumulate(rising) - rising) if len(rising) else 0.0
-        disturbed |= bool(fall > DROP) or _slides(signals, axle, command, build_up_end.value)
+        disturbed |= _is_vented(t, share, 2.0 * build_up_end.value - delay.value)
+        disturbed |= _slides(signals, axle, command, build_up_end.value)
         delays.append(delay)
         build_ups.append(build_up_end)
         weights.append(span)
@@ -358,6 +356,20 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
         return Parameter(float(t[k]), sigma)
     fraction = (level - share[k - 1]) / (share[k] - share[k - 1])
     return Parameter(float(t[k - 1] + fraction * (t[k] - t[k - 1])), sigma)
+
+
+def _is_vented(t: Floats, share: Floats, end: float) -> bool:
+    """Whether a valve cuts the rise of a brake off: the full value is not known.
+
+    It acts as soon after the build-up as that lasts, until `end` [s], and no level comes before.
+    """
+    run = (t <= end) & np.isfinite(share)
+    t, share = t[run], share[run]
+    falls = np.maximum.accumulate(share) - share
+    if not (falls > DROP).any():
+        return False
+    last = int(np.flatnonzero(falls[: int(np.argmax(falls > DROP))] < _STEADY)[-1])
+    return float(np.ptp(share[(t > t[last] - _LEVEL_TIME) & (t <= t[last])])) > _STEADY
 
 
 def _slides(

@@ -756,6 +756,18 @@ def test_a_slow_and_late_train_speed_does_not_move_while_all_wheels_stand() -> N
     assert moves[-1] - x.speed.t[0] < stands + 0.8  # not for longer than the speed is late
 
 
+@pytest.mark.parametrize(("vent", "is_known"), [(2.3, True), (1.7, False)])
+def test_a_valve_that_vents_a_level_leaves_the_response_known(vent: float, is_known: bool) -> None:
+    x, _ = signals()
+    t, p = x.brakes[1]
+    since = t - ON - vent
+    vented = np.where((since > 0.0) & (since < 3.0), 0.4, 1.0) * np.where(since > 3.0, 0.97, 1.0)
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t, p * vented)}))
+    assert (stop.response_time_s is not None) == is_known
+    if stop.response_time_s:
+        assert stop.response_time_s.value == pytest.approx((0.52 + 1.54) / 2.0, abs=0.02)
+
+
 def test_where_nobody_knows_the_share_of_motors_the_deceleration_shows_the_response() -> None:
     x, _ = signals()
     (by_brakes,) = measured(x)
