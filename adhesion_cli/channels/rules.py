@@ -69,6 +69,12 @@ RULES = (
     Rule("ratio", "own ED brake, !own slip", "ed_force"),
     Rule("any", "own ED brake, own force|own torque|own effort, !own true", "ed_force"),
     Rule("force|torque", "own traction, !own demand, !own estimated, !own true", "traction_force"),
+    Rule(
+        "force|torque",
+        "traction, own braking, !own demand, !own estimated, !own true",
+        "traction_force",
+        "below zero it brakes",
+    ),
     Rule("ratio", "own traction, own force|own effort, !own demand", "traction_force"),
     Rule("force|torque", "own ED effort, !own demand, !own estimated, !own true", "ed_force"),
     Rule("force", "own clamping, ?own force", "clamping_force"),
@@ -234,6 +240,7 @@ def name_words(text: str) -> tuple[str, ...]:
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
     text = re.sub(r"\b([^\W\d_]+_?)\d\s*[-−–]\s*\1\d(?!\w)", " difference ", text)
+    text = re.sub(r"(?i)\bzug(?=-?\s*/\s*brems)", "zugkraft", text)
     text = re.sub(r"(?i)\bmotor[\s_](?=bogie|truck|car|coach|drehgestell|wagen)", " ", text)
     # C is the cylinder's pressure, as L the pipe's
     text = re.sub(r"(?i)(?<![^\W_])(?:p_?c(?![^\W\d_])|c(?=[-_. ]?dr))", "bc ", text)
