@@ -166,8 +166,9 @@ class _ClockSearch:
         dates = [i for i, cells in columns.items() if forms_of(cells, DATES)]
         rising = [i for i in columns if _rises(dialect, i)]
         shown = {i: self._shown_unit(i, dialect.numbers(i), None) for i in rising}
-        days = [i for i, x in shown.items() if x and COUNTS[x[0]].ns == NS_PER_UNIT["d"]]
-        return [*stamps, *dates, *(i for i in rising if i in days or _says_time(dialect, i))]
+        counts = {i: COUNTS[x[0]] for i, x in shown.items() if x}
+        sure = [i for i, x in counts.items() if x.ns == NS_PER_UNIT["d"] or x.at_1970 > 1e12]
+        return [*stamps, *dates, *(i for i in rising if i in sure or _says_time(dialect, i))]
 
     def first_clock(self, columns: Sequence[int], reason: str) -> Clock | None:
         """The first of these columns that can be read as a time.

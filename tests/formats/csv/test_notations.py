@@ -71,20 +71,31 @@ def test_a_hint_about_the_time_gives_a_usual_rate_when_it_is_pasted(
     assert 0.5 <= 1e9 / np.median(np.diff(column.t)) <= 20_000.0
 
 
-def test_a_hint_knows_a_count_by_its_size_and_days_of_other_calendars_by_none(
-    tmp_path: Path,
-) -> None:
+def test_a_count_is_known_by_its_size_and_days_of_other_calendars_by_none(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    numbers = {"ticks": 639_151_065_000_000_000 + 200_000 * np.arange(500)}
-    numbers["days"] = 61_369.427083 + np.round(T[:500] / 86_400, 9)
-    hints = {}
-    for name, values in numbers.items():
-        rows = "".join(f"{x},{k % 7}\n" for k, x in enumerate(values.tolist()))
+
+    def write(times: np.ndarray) -> None:
+        rows = "".join(f"{x},{k % 7}\n" for k, x in enumerate(times.tolist()))
         path.write_text(f"run,p [bar]\n{rows}")
-        with pytest.raises(UserError, match="no column is a time") as error:
-            open_csv(path, ReadOptions())
-        hints[name] = pasted(error.value.hint)
-    assert hints == {"ticks": ["channels.time.channel=run", "channels.time.unit=ticks"], "days": []}
+
+    write(639_151_065_000_000_000 + 200_000 * np.arange(500))
+    (column,) = (source := open_csv(path, ReadOptions())).columns(source.fields)
+    assert "100 ns since the year 1" in source.time_reason
+    assert column.t[0] == np.datetime64("2026-05-23T04:15", "ns").astype(np.int64)
+    write(61_369.427083 + np.round(T[:500] / 86_400, 9))
+    with pytest.raises(UserError, match="no column is a time") as error:
+        open_csv(path, ReadOptions())
+    assert not pasted(error.value.hint)
+
+
+def test_seconds_and_microseconds_of_a_timeval_are_one_time(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    stamps = [divmod(1_795_515_300_000_000 + 20_000 * k, 10**6) for k in range(200)]
+    rows = "".join(f"{s},{us},{k % 7}\n" for k, (s, us) in enumerate(stamps))
+    path.write_text("tv_sec,tv_usec,p [bar]\n" + rows)
+    (column,) = (source := open_csv(path, ReadOptions())).columns(source.fields)
+    assert source.absolute
+    assert (np.diff(column.t) == 20_000_000).all()
 
 
 @pytest.mark.parametrize("cell", ["PT", "24-11", "now"])
