@@ -16,6 +16,8 @@ BEGUN = "the log begins with the brake applied"  # why a braking has no command
 ALL_LOCK = "all wheels lock at"  # why a braking has no shape
 STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
+_HIGHEST_SHARE = 0.995  # of the samples of a brake: few are higher than the highest that counts
+_LARGEST_ZERO = 3e4  # of a pressure sensor: no pads touch below [Pa]
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
 _LEAST_LOSS = 0.2  # of the speed at the begin: less is no stop that failed
 _ROLLED_OUT = 8.0 / 3.6  # a brake that is released below this speed has stopped the train [m/s]
@@ -96,18 +98,27 @@ def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
 
 def _applied(signals: StopSignals, t: Floats) -> Bools:
     """Where any brake is applied; it stays applied in short releases, and in gaps of the log."""
-    columns = [brake.interpolated(t) for brake in signals.brakes.values()]
+    columns = [_above_zero(signals, brake.interpolated(t)) for brake in signals.brakes.values()]
     brake = np.fmax.reduce(columns)
     is_unknown, brake = np.isnan(brake), np.nan_to_num(brake, nan=0.0)
-    lowest, highest = (float(x) for x in np.quantile(brake, [0.02, 0.995]))
-    base = lowest if lowest < 0.1 * highest else 0.0
-    is_applied = brake > base + max(_ON_SHARE * (highest - base), _LEAST_BRAKE)
-    is_released = brake < base + max(_OFF_SHARE * (highest - base), _LEAST_BRAKE / 2.0)
+    highest = float(np.quantile(brake, _HIGHEST_SHARE))
+    is_applied = brake > max(_ON_SHARE * highest, _LEAST_BRAKE)
+    is_released = brake < max(_OFF_SHARE * highest, _LEAST_BRAKE / 2.0)
     applied = np.zeros(len(t), dtype=np.bool_)
     for first_index, stop in true_runs(~is_released):
         applied[first_index:stop] = is_applied[first_index:stop].any()
         applied[first_index : first_index + int(np.argmax(is_applied[first_index:stop]))] = False
     return _closed(applied, is_unknown)
+
+
+def _above_zero(signals: StopSignals, brake: Floats) -> Floats:
+    """A brake without the level to which it is released, (n,): its sensor may be off by that."""
+    known = brake[np.isfinite(brake)]
+    if not len(known):
+        return brake
+    lowest, highest = (float(x) for x in np.quantile(known, [0.02, _HIGHEST_SHARE]))
+    largest_zero = max(0.1 * highest, _LARGEST_ZERO if signals.by_pressure else 0.0)
+    return brake - lowest if lowest < largest_zero else brake
 
 
 def _slows(v: Floats) -> Bools:

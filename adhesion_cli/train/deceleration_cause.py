@@ -43,6 +43,9 @@ _NOISE_RATIO = 2.0  # a residual below so many times the noise is explained
 _UNEVEN = 0.01  # 1 sigma of what changes on a line of a known gradient [m/s²]
 _CHANGE_TIME = 15.0  # in which it does, and an unknown gradient: 300 m at 70 km/h [s]
 _SURE_SIGMAS = 4.0  # a delay of so many sigma is sure
+_PADS_LAG = 0.03  # 1 sigma of the time by which pads lag their pressure [s]
+_OTHER_BRAKE = 1.25  # times the stated force: a brake without a channel may act, and earlier
+_CLEAR_SIGMAS = 2.5  # and of so many, where it is another one beside another force line
 _LEAST_DELAY = 0.1  # a shorter delay is the caliper's own [s]
 _INTERVAL_SHARE = 0.75  # of the longer sampling interval: a shorter delay may be the sampling's
 _SMALL_OFFSET = 0.05  # of the highest K: a smaller offset hardly shows in the force
@@ -202,13 +205,21 @@ def _judge(
     if min(single_cost, joint_fit.cost) > simplest_cost - clear_gain:
         return AS_STATED
     needs_two_causes = joint_fit.cost < single_cost - clear_gain
+    other_delay = (delayed_fit if needs_two_causes else joint_fit).posterior().delay.value
     if needs_two_causes:
         delayed_fit = line_fit = joint_fit
     value, sigma = delayed_fit.posterior().delay
-    delay = Parameter(value, math.hypot(sigma, _delay_by_line(d)))
+    # a delay that is another one beside another force line is as uncertain as that choice
+    by_choice = abs(other_delay - value) / math.sqrt(3.0)
+    by_sampling = d.interval / math.sqrt(12.0)
+    sigma = math.hypot(sigma, _delay_by_line(d))
+    delay = Parameter(value, math.hypot(sigma, _PADS_LAG, by_sampling, by_choice))
     s, o = math.exp(line_fit.mean[SCALE]), float(line_fit.mean[OFFSET])
     is_delayed = abs(delay.value) > max(
-        _LEAST_DELAY, _INTERVAL_SHARE * d.interval, _SURE_SIGMAS * delay.tolerance
+        _LEAST_DELAY,
+        _INTERVAL_SHARE * d.interval,
+        _SURE_SIGMAS * sigma,
+        _CLEAR_SIGMAS * delay.tolerance,
     )
     line_differs = _line_differs(s, o, d.top, vehicle)
     if not needs_two_causes:
@@ -226,8 +237,12 @@ def _judge(
     squares_left = np.maximum(mean_square(d, residual(d, x, x[SHARED:])) - d.floor**2, 0.0)
     if is_no_line or counts @ squares_left / (counts @ squares) > _LARGEST_RESIDUAL:
         return AS_STATED
+    if is_delayed and line_differs and value > 0.0 and s * (1.0 - o) > _OTHER_BRAKE:
+        is_delayed, unsure_delay = False, Parameter(0.0, value / math.sqrt(3.0))
+    else:
+        unsure_delay = AS_STATED.pressure_delay
     return Explanation(
-        delay if is_delayed else AS_STATED.pressure_delay,
+        delay if is_delayed else unsure_delay,
         OtherForceLine(s, o * d.top, s * (1.0 - o)) if line_differs else None,
         is_delayed and line_differs and not needs_two_causes,
     )

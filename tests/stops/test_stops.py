@@ -396,6 +396,17 @@ def test_stops_that_are_none_say_why() -> None:
     assert (stop.delay_s, stop.response_time_s) == (None, None)
 
 
+@pytest.mark.parametrize("zero", [-3e4, 2.8e4])
+def test_a_pressure_whose_zero_is_wrong_is_no_brake_that_is_applied(zero: float) -> None:
+    x, distance = signals(command=False)
+    t, p = x.brakes[1]
+    low = 0.7 * p  # 2.1 bar
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t, low), 2: TimeSeries(t, low + zero)}))
+    assert (stop.valid, stop.reason) == (True, None)
+    assert stop.distance_m is not None
+    assert abs(stop.distance_m.value - distance) < stop.distance_m.u95
+
+
 def test_a_brief_brake_and_shunting_are_no_stops() -> None:
     slow, _ = signals(v0=1.2)
     assert measured(slow) == []
