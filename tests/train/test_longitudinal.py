@@ -187,6 +187,22 @@ def test_a_late_pressure(rate: float, applications: int, late: float) -> None:
     assert e.line is None or e.delay_or_line
 
 
+def test_the_delay_of_a_pressure_is_as_uncertain_as_the_lag_of_the_pads() -> None:
+    """Pads that lag by 0.04 s hide as much of a delay."""
+    e = told(axle(50.0, 3, Fault(0.4 - 0.04)))
+    assert abs(e.pressure_delay.value - 0.4) < 1.96 * e.pressure_delay.tolerance < 0.15
+
+
+def test_a_delay_beside_much_more_force_may_be_another_brake() -> None:
+    """An ED brake that acts earlier, and that no channel shows, does the same."""
+    e = told(axle(50.0, 3, Fault(0.4, scale=1.6)))
+    assert e.line is not None
+    assert (e.pressure_delay.value, e.delay_or_line) == (0.0, False)
+    assert e.pressure_delay.tolerance > 0.2
+    sure = told(axle(50.0, 3, Fault(0.4, scale=0.6)))
+    assert sure.pressure_delay.value == pytest.approx(0.4, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("rate", "applications", "scale"), thinned(7, RATES, [1, 3], [0.3, 0.5, 0.6, 1.6, 2.0, 3.0])
 )
