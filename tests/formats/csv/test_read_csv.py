@@ -756,6 +756,24 @@ def test_long_layout_is_found_by_its_name(log):
     assert "long-layout" in {f.code for f in source.findings}
 
 
+@pytest.mark.parametrize("names", ["Señal;Valor", "Segnale;Valore", "Sygnał;Wartość"])
+def test_a_table_of_signals_is_known_in_other_languages(log, names):
+    rows = "".join(f"{k / 10};p [bar];{k}.5\n{k / 10};v [km/h];{90 - k}.5\n" for k in range(9))
+    _, columns = read(log, f"t [s];{names}\n{rows}")
+    assert {name: len(column.value) for name, column in columns.items()} == {
+        "p [bar]": 9, "v [km/h]": 9,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "names", ["Hora;Minuto;Segundo;Milisegundo", "Stunden;Minuten;Sekunden;Millisekunden"]
+)
+def test_parts_of_the_time_are_known_in_other_languages(log, names):
+    rows = "".join(f"13;5;{k // 4};{k % 4 * 250};{k}.5\n" for k in range(12))
+    _, columns = read(log, f"{names};p\n{rows}")
+    assert np.diff(columns["p"].t).tolist() == [S // 4] * 11
+
+
 def test_long_layout_one_device_after_the_other(log):
     head, *body = LONG.splitlines(keepends=True)
     _, columns = read(log, head + "".join(body[0::2] + body[1::2]))
