@@ -369,7 +369,11 @@ def _is_vented(t: Floats, share: Floats, end: float) -> bool:
     if not (falls > DROP).any():
         return False
     last = int(np.flatnonzero(falls[: int(np.argmax(falls > DROP))] < _STEADY)[-1])
-    return float(np.ptp(share[(t > t[last] - _LEVEL_TIME) & (t <= t[last])])) > _STEADY
+    level = share[(t > t[last] - _LEVEL_TIME) & (t <= t[last])]
+    if len(level) < 4:
+        return True
+    halves = np.array_split(level, 2)
+    return abs(float(np.mean(halves[0]) - np.mean(halves[1]))) > _STEADY
 
 
 def _slides(

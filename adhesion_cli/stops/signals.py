@@ -31,7 +31,6 @@ DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 GAP = 5.0  # a longer interval, over the usual one, is a gap
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
 _REACHED = 0.95  # of the highest brake: what comes before a valve vents has reached the full one
-_BEFORE_VENTING = 0.97  # of the highest brake before: samples above it are those of the full brake
 _HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
 
@@ -292,15 +291,19 @@ def _over_gaps(
     """
     fastest = _fastest(rims, train.t).value
     difference = train.value - fastest
-    known, filled = np.isfinite(difference), np.zeros(len(train.t), dtype=np.bool_)
+    known, filled = np.flatnonzero(np.isfinite(difference)), np.zeros(len(train.t), dtype=np.bool_)
     value = train.value.copy()
     for start, stop in true_runs(~np.isfinite(train.value)):
-        before = np.flatnonzero(known & (train.t < train.t[start]))[-1:]
-        after = np.flatnonzero(known & (train.t > train.t[stop - 1]))[:1]
-        ends = np.append(before, after)
+        place = int(np.searchsorted(known, start))
+        ends = known[max(place - 1, 0) : place + 1]  # before and after
         gap = fastest[start:stop]
         limit = np.maximum(_ROLLING * train.value[ends], _SLOW_ROLLING)
-        if len(ends) < 2 or not np.isfinite(gap).all() or (abs(difference[ends]) > limit).any():
+        if (
+            len(ends) < 2
+            or ends[0] > start
+            or not np.isfinite(gap).all()
+            or (abs(difference[ends]) > limit).any()
+        ):
             continue
         if np.max(gap - np.minimum.accumulate(gap)) < GAIN:
             offset = np.interp(train.t[start:stop], train.t[ends], difference[ends])
@@ -322,14 +325,14 @@ def brake_levels(brake: TimeSeries, start: float, stop: float) -> tuple[float, f
         return 0.0, 0.0, 0.0
     released = float(np.median(released_values)) if len(released_values) else 0.0
     noise = robust_sigma(released_values - released) if len(released_values) else 0.0
-    highest, share = float(np.quantile(applied, 0.98)), _HIGH_SHARE
+    highest = float(np.quantile(applied, 0.98))
+    high_level = released + _HIGH_SHARE * (highest - released)
     falls = np.maximum.accumulate(applied) - applied > DROP * (highest - released) + 5.0 * noise
     if falls.any():  # what a valve of the WSP has vented is not all filled again
         before = applied[: int(np.argmax(falls))]
-        highest_before = float(np.quantile(before, 0.98))
-        if highest_before - released >= _REACHED * (highest - released):
-            applied, highest, share = before, highest_before, _BEFORE_VENTING
-    high_level = released + share * (highest - released)
+        if float(np.quantile(before, 0.98)) - released >= _REACHED * (highest - released):
+            reached = int(np.argmax(before >= high_level))
+            return released, float(np.median(before[(reached + len(before)) // 2 :])), noise
     return released, float(np.median(applied[applied >= high_level])), noise
 
 

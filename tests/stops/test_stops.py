@@ -77,6 +77,14 @@ def test_the_full_brake_is_that_before_a_valve_vents(vents: list[float]) -> None
     assert full_value == pytest.approx(3.2e5, rel=0.01)  # two sigma of what the response states
 
 
+def test_the_full_brake_is_its_level_not_an_overshoot_before_a_release() -> None:
+    t = np.arange(0.0, 40.0, 0.02)
+    level = np.interp(t, [11.0, 12.0, 13.0, 36.0, 38.0], np.array([0.0, 3.18, 3.0, 3.0, 1.0]) * 1e5)
+    noisy = level + np.random.default_rng(1).normal(0.0, 5e3, len(t))
+    assert brake_levels(TimeSeries(t, level), 11.0, 39.0)[1] == pytest.approx(3e5, rel=0.001)
+    assert brake_levels(TimeSeries(t, noisy), 11.0, 39.0)[1] == pytest.approx(3e5, rel=0.005)
+
+
 def test_the_full_brake_is_the_last_one_where_it_is_the_stronger() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     pressure = np.interp(t, [1.0, 2.0, 6.0, 6.2, 9.0, 10.0], np.array([0, 2, 2, 1, 1, 3]) * 1e5)
