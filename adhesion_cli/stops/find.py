@@ -60,7 +60,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         standing = [k for k, _ in true_runs(is_standing[first_index:])]
         stop_index = first_index + standing[0] if standing else len(t) - 1
         braked_until = min(release_index - 1, stop_index)
-        last_speed = float(v[braked_until])
+        known_speeds = v[first_index : braked_until + 1]
+        last_speed = float(known_speeds[np.isfinite(known_speeds)][-1])
         gaps = true_runs(~has_speed[first_index : braked_until + 1])
         gap = STEP * max((gap_end - gap_begin for gap_begin, gap_end in gaps), default=0)
         if first_index == 0:

@@ -26,6 +26,7 @@ _CHANGE = 0.2  # 1 sigma of the change of a deceleration from the highest speed 
 _ANY_CHANGE = 1.0  # the same of cast iron
 _SHORTEST_FIT = 1.0  # [s]
 _STEADY = 0.02  # change of a share from the last eighth but one to the last: it is built up
+_UNSEEN = 1.0  # longest time between two samples of a brake whose rise is seen [s]
 _LEVEL_TIME = 0.4  # a share that is constant for so long is a level [s]
 _IMPOSSIBLE = 1e6  # mean square of what cannot be [m²/s²]
 _SURE_SIGMAS = 2.0  # by which the responses of brakes and deceleration may differ
@@ -107,7 +108,7 @@ def find_response(
         t, begin_share = window.t - command, start_share or 5.0 * noise / span
         delay = _crossing(t, share, begin_share, error)
         build_up_end = _crossing(t, share, FULL_SHARE, math.hypot(error, _LEVEL_ERROR))
-        if delay is None or build_up_end is None:
+        if delay is None or build_up_end is None or _rises_in_gap(brake, command):
             disturbed = True
             continue
         disturbed |= _is_vented(t, share, 2.0 * build_up_end.value - delay.value)
@@ -356,6 +357,14 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
         return Parameter(float(t[k]), sigma)
     fraction = (level - share[k - 1]) / (share[k] - share[k - 1])
     return Parameter(float(t[k - 1] + fraction * (t[k] - t[k - 1])), sigma)
+
+
+def _rises_in_gap(brake: TimeSeries, command: float) -> bool:
+    """Whether a brake has no samples near the command: its rise is not seen."""
+    t = brake.t[np.isfinite(brake.value)]
+    first, last = np.searchsorted(t, [command - _UNSEEN, command + _UNSEEN])
+    longest = float(np.max(np.diff(t[max(first - 1, 0) : last + 1]), initial=0.0))
+    return bool(t[0] > command or longest > max(_UNSEEN, 3.0 * float(np.median(np.diff(t)))))
 
 
 def _is_vented(t: Floats, share: Floats, end: float) -> bool:

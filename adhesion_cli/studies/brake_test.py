@@ -261,9 +261,10 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
 
 def _fills_alike(stop: StopSummary, build_ups: Sequence[float]) -> bool:
     """Whether a brake fills about as fast, as far as it is known: P and G are other brakes."""
-    if not build_ups or stop.build_up_s is None:
+    usual = float(np.median(build_ups)) if build_ups else 0.0
+    if not usual or stop.build_up_s is None:
         return True
-    ratio = stop.build_up_s.value / float(np.median(build_ups))
+    ratio = stop.build_up_s.value / usual
     return 1.0 / _LIKE_BUILD_UP < ratio < _LIKE_BUILD_UP
 
 

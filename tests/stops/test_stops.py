@@ -775,6 +775,16 @@ def test_a_slow_and_late_train_speed_does_not_move_while_all_wheels_stand() -> N
     assert moves[-1] - x.speed.t[0] < stands + 0.8  # not for longer than the speed is late
 
 
+@pytest.mark.parametrize("ends", [(-4.0, 0.9), (-4.0, 2.0), (0.2, 3.0), (-20.0, 1.0)])
+def test_a_rise_within_a_gap_of_the_pressure_is_no_response(ends: tuple[float, float]) -> None:
+    x, _ = signals()
+    t, p = x.brakes[1]
+    seen = (t < ON + ends[0]) | (t > ON + ends[1])
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t[seen], p[seen])}))
+    assert stop.response_time_s is None
+    assert stop.mean_deceleration is not None
+
+
 @pytest.mark.parametrize(("vent", "is_known"), [(2.3, True), (1.7, False)])
 def test_a_valve_that_vents_a_level_leaves_the_response_known(vent: float, is_known: bool) -> None:
     x, _ = signals()
