@@ -1,17 +1,18 @@
 """CAN logs with the DBC of the vehicle; runs in a process of its own.
 
 Frames are in BLF or in an MF4 of a bus, which python-can reads, or in text (`can_text`). cantools
-reads the DBC and decodes the signals.
+reads the DBC. The signals are decoded here, a message at a time.
 """
 
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import UserError
 from ..core.finding import Finding
@@ -21,6 +22,7 @@ from .can_text import Frame, Problems, TextLog
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
 from .tables import Contents, NamedColumn, TableSamples, fields
 
+_FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
 
 _J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that they are no value
@@ -69,33 +71,34 @@ def _parameter_group(identifier: int) -> int:
     return group if group >> 8 & 0xFF >= 240 else group & ~0xFF
 
 
+@dataclass(slots=True)
 class _Frames:
     """The frames of one message, in the order of the log."""
 
-    def __init__(self, message: Any) -> None:
-        self._message = message
-        self.t = array("d")  # after the log's start [s]
-        self._raw = {signal.name: array("d") for signal in message.signals}  # NaN for none
+    length: int  # bytes that are kept of each
+    t: "array[float]" = field(default_factory=lambda: array("d"))  # after the log's start [s]
+    sizes: "array[int]" = field(default_factory=lambda: array("B"))  # bytes that each frame has
+    data: bytearray = field(default_factory=bytearray)
 
     def add(self, t: float, data: bytes) -> None:
-        """Decodes the next frame; of one that is cut off, the signals that it holds."""
-        from cantools.database import DecodeError
-
-        try:
-            raw = self._message.decode(data, False, scaling=False, allow_truncated=True)
-        except DecodeError:  # no multiplexer has this number
-            raw = {}
         self.t.append(t)
-        for name, values in self._raw.items():
-            values.append(raw.get(name, np.nan))
+        self.sizes.append(len(data))
+        self.data += data[: self.length].ljust(self.length, b"\0")
 
-    def samples(self, signal: Any) -> tuple[Bools, Floats, dict[str, Bools]]:
-        """Which frames have a signal, (n,); its raw numbers in these and masks over them, (m,)."""
-        raw = np.frombuffer(self._raw[signal.name], np.float64)
-        is_selected = np.isfinite(raw) | (not signal.multiplexer_ids)
-        raw = raw[is_selected]
-        is_missing, is_no_value = np.isnan(raw), _is_no_value(raw, self._message, signal)
-        return is_selected, raw, {"value-missing": is_missing, "value-is-text": is_no_value}
+    def bits(self) -> NDArray[np.uint8]:
+        """Each frame's bits, the lowest of each byte first; shape (n, 8 · length)."""
+        octets = np.frombuffer(self.data, np.uint8).reshape(-1, self.length)
+        return np.unpackbits(octets, axis=1, bitorder="little")
+
+    def samples(
+        self, bits: NDArray[np.uint8], message: Any, signal: Any
+    ) -> tuple[Bools, Floats, dict[str, Bools]]:
+        """Which frames have a signal, (n,); its values in these and masks over them, (m,)."""
+        selected = _selected(bits, message, signal)
+        value, no_value = _decoded(bits[selected], message, signal)
+        sizes = np.frombuffer(self.sizes, np.uint8)[selected].astype(np.int64)
+        truncated = 8 * sizes <= max(_positions(signal))
+        return selected, value, {"value-missing": truncated, "value-is-text": no_value & ~truncated}
 
 
 class _CanSignal(NamedTuple):
@@ -169,7 +172,7 @@ class Reader:
                 if definition is None:
                     self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
                     continue
-                frame_group = self._frames[key] = _Frames(definition)
+                frame_group = self._frames[key] = _Frames(definition.length)
             frame_group.add(frame.t, frame.data)
         ticks = round(begin() * 1e6) * 1000
         self._start = ticks if ticks >= YEAR_1990 else 0
@@ -214,18 +217,22 @@ class Reader:
     def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
         """See `tables.Reader`."""
         times: dict[Any, Times] = {}
+        bits: dict[_Key, NDArray[np.uint8]] = {}
         series = []
         for k in wanted:
-            key, _, signal = self._all_signals[k]
+            key, message, signal = self._all_signals[k]
             frames = self._frames[key]
-            selected, raw, masks = frames.samples(signal)
-            value, place = _physical(raw, signal), (key, selected.tobytes())
+            if key not in bits:
+                bits[key] = frames.bits()
+            selected, value, masks = frames.samples(bits[key], message, signal)
+            place = key, selected.tobytes()
             if place not in times:
                 times[place] = _ticks(np.frombuffer(frames.t, np.float64)[selected], self._start)
             state_words: tuple[str, ...] = ()
             if k >= len(self._signals):
                 number_of = {number: word for word, number in enumerate(signal.choices)}
-                numbers = np.array([number_of.get(number, np.nan) for number in raw.tolist()])
+                raw = _raw(bits[key][selected], signal).tolist()
+                numbers = np.array([number_of.get(number, np.nan) for number in raw])
                 has_no_value = np.logical_or(*masks.values())
                 if np.isfinite(numbers[~has_no_value]).all():  # else it is a number
                     value, state_words = numbers, _words(signal)
@@ -287,12 +294,13 @@ class FrameDecoder:
             named = [NamedColumn(group, s.name, s.unit or "", group) for s in message.signals]
             pairs = zip(message.signals, fields(named, "DBC"), strict=True)
             self._fields[id(message)] = list(pairs)
-        frames, by_signal = _Frames(message), {}
+        frames = _Frames(message.length)
         frames.add(0.0, data)
+        bits, by_signal = frames.bits(), {}
         for signal, field_ in self._fields[id(message)]:
-            _, raw, masks = frames.samples(signal)
-            if len(raw) and not any(mask[0] for mask in masks.values()):
-                by_signal[field_] = float(_physical(raw, signal)[0])
+            _, value, masks = frames.samples(bits, message, signal)
+            if len(value) and not any(mask[0] for mask in masks.values()):
+                by_signal[field_] = float(value[0])
         return by_signal
 
 
@@ -366,24 +374,62 @@ def _ticks(seconds: Floats, start: int) -> Times:
     return np.rint(seconds * 1e6).astype(np.int64) * 1000 + start
 
 
-def _physical(raw: Floats, signal: Any) -> Floats:
-    """The physical values of raw numbers of a signal, shape (n,)."""
+def _positions(signal: Any) -> list[int]:
+    """The bits of a signal in a frame, the lowest first, as `_Frames.bits` numbers them."""
+    bit, positions = int(signal.start), []
+    for _ in range(signal.length):
+        positions.append(bit)
+        if signal.byte_order == "little_endian":
+            bit += 1
+        else:  # the start is the highest bit
+            bit = bit + 15 if bit % 8 == 0 else bit - 1
+    return positions if signal.byte_order == "little_endian" else positions[::-1]
+
+
+def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
+    """The raw numbers of a signal: integers, or floats where it is one; shape (n,)."""
+    raw = np.zeros(len(bits), np.uint64)
+    for power, position in enumerate(_positions(signal)):
+        if position < bits.shape[1]:
+            raw |= bits[:, position].astype(np.uint64) << np.uint64(power)
+    n = signal.length
+    if signal.is_float:
+        if n not in _FLOAT_BITS:
+            return np.full(len(raw), np.nan)
+        return raw.astype(f"<u{n // 8}").view(f"<f{n // 8}")
+    if signal.is_signed:
+        return (raw << np.uint64(64 - n)).view(np.int64) >> np.int64(64 - n)
+    return raw
+
+
+def _decoded(bits: NDArray[np.uint8], message: Any, signal: Any) -> tuple[Floats, Bools]:
+    """The physical values of a signal, and which raw values say that there is none; shape (n,)."""
+    raw = _raw(bits, signal)
     scale, offset = float(signal.scale), float(signal.offset)
+    value = raw.astype(np.float64)
     divisor = round(1.0 / scale) if 0.0 < abs(scale) < 1.0 else 0
     if divisor and abs(divisor * scale - 1.0) < 1e-12:
-        return raw / divisor + offset  # 7199 of 0.01 is 71.99, and not that times a factor
-    return raw * scale + offset
-
-
-def _is_no_value(raw: Floats, message: Any, signal: Any) -> Bools:
-    """Which raw numbers say that there is no value, shape (n,)."""
+        value /= divisor  # 7199 of 0.01 is 71.99, and not that times a factor which is not exact
+    elif scale != 1.0:
+        value *= scale
+    if offset:
+        value += offset
     no_value = [k for k, text in (signal.choices or {}).items() if NO_VALUE.search(str(text))]
-    is_no_value: Bools = np.isin(raw, no_value)
+    is_no_value = np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
     if message.protocol == "j1939" and not signal.is_float and signal.length in _J1939_LENGTHS:
         is_no_value |= raw >= 0xFE << (signal.length - 8)  # an error, or not available
-    return is_no_value
+    return value, is_no_value
 
 
 def _words(signal: Any) -> tuple[str, ...]:
     """The words of a signal for some of its raw numbers, in their order in the DBC."""
     return tuple(str(word).strip() for word in (signal.choices or {}).values())
+
+
+def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools:
+    """The frames in which the multiplexers select a signal, shape (n,)."""
+    if not signal.multiplexer_ids:
+        return np.ones(len(bits), np.bool_)
+    selector = message.get_signal_by_name(signal.multiplexer_signal)
+    is_selected = np.isin(_raw(bits, selector), np.array(signal.multiplexer_ids))
+    return is_selected & _selected(bits, message, selector)

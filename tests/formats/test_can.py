@@ -90,6 +90,17 @@ def test_signals_are_as_cantools_decodes_them(tmp_path: Path) -> None:
     assert not findings
 
 
+def test_a_float_of_another_length_has_no_value(tmp_path: Path) -> None:
+    message = Message(0x123, "M", 4, [signal("odd", 0, 24), signal("whole", 24, 8)])
+    dbc = stated(tmp_path, message)
+    with Path(dbc[0]).open("a", encoding="utf-8") as file:
+        file.write("SIG_VALTYPE_ 291 odd : 1;\n")
+    frames = [frame(k / 10, bytes((1, 2, 3, k))) for k in range(10)]
+    found, _, _ = columns(written(tmp_path / "a.blf", frames), dbc)
+    assert np.isnan(found["odd"].value).all()
+    assert found["whole"].value.tolist() == list(range(10))
+
+
 def test_multiplexed_signals_are_read_where_they_are_selected(tmp_path: Path) -> None:
     mux = signal("mux", 0, 8, is_multiplexer=True)
     own = [signal(f"v{k}", 8, 16, multiplexer_ids=[k], multiplexer_signal="mux") for k in (1, 2)]
