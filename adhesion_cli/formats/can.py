@@ -1,6 +1,6 @@
 """CAN logs with the DBC of the vehicle; runs in a process of its own.
 
-Frames are in BLF or in an MF4 of a bus, which python-can reads, or in text (`can_text`). cantools
+Frames are in BLF, in text (`can_text`), or in an MF4 of a bus, which python-can reads. cantools
 reads the DBC. The signals are decoded here, a message at a time.
 """
 
@@ -18,7 +18,8 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from ..core.text import NO_VALUE
-from .can_text import Frame, Problems, TextLog
+from .can_blf import Frame, Problems, blf_frames
+from .can_text import TextLog
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
 from .tables import Contents, NamedColumn, TableSamples, fields
 
@@ -139,9 +140,11 @@ class Reader:
         time_reason = f"{clock} each frame, to the microsecond; {begin}"
         findings = list(self._findings(problems, rows))
         events = []
-        if times := problems.errors:
-            finding = Finding("can-error-frames", "warning", count=len(times))
-            events.append((finding, _ticks(np.array(times), self._start)))
+        codes = {"can-error-frames": problems.errors, "can-frames-lost": problems.losses}
+        for code, times in codes.items():
+            if times:
+                finding = Finding(code, "warning", count=len(times))
+                events.append((finding, _ticks(np.array(times), self._start)))
         numbers = self._fields()
         states = {x: distinct_words(_words(x.signal)) for x in self._signals}
         number_of = zip(self._signals, numbers, strict=True)
@@ -337,36 +340,22 @@ def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Frame], Calla
     with path.open("rb") as file:
         head = file.read(8)
     if head.startswith(b"LOGG"):
-        blf = can.BLFReader(path)
-        start = blf.start_timestamp
-        return _library_frames(blf, start, 0, problems), lambda: start
+        start = can.BLFReader(path).start_timestamp
+        return blf_frames(path, problems), lambda: start
     if head.startswith((b"MDF", b"UnFinMF")):
-        mf4 = can.MF4Reader(path)
-        start = mf4._start_timestamp
-        return _library_frames(mf4, start, 1, problems), lambda: start
+        reader = can.MF4Reader(path)
+        start = reader._start_timestamp
+        return _mf4_frames(reader, start), lambda: start
     log = TextLog(path, problems)
     return iter(log), lambda: log.start
 
 
-def _library_frames(
-    reader: Any, start: float, first_bus: int, problems: Problems
-) -> Iterator[Frame]:
-    """The frames that python-can reads, in the order of the log, up to the first damage.
-
-    `first_bus` is the number of the first bus in the log.
-    """
-    count = 0
-    try:
-        for m in reader:
-            count += 1
-            bus = m.channel - first_bus if isinstance(m.channel, int) else 0
-            kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"
-            t = m.timestamp - start
-            yield Frame(t, bus, m.arbitration_id, m.is_extended_id, bytes(m.data), kind)
-    except Exception as error:  # whatever the library raises
-        problems.note(f"behind frame {count}: {str(error) or 'no object begins'}")
-    if getattr(reader, "_tail", b"").strip(b"\0"):
-        problems.note(f"behind frame {count}: the next one is cut off")
+def _mf4_frames(reader: Any, start: float) -> Iterator[Frame]:
+    for m in reader:
+        bus = m.channel if isinstance(m.channel, int) else 1
+        kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"
+        t = m.timestamp - start
+        yield Frame(t, bus - 1, m.arbitration_id, m.is_extended_id, bytes(m.data), kind)
 
 
 def _ticks(seconds: Floats, start: int) -> Times:

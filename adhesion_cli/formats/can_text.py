@@ -1,4 +1,4 @@
-"""CAN frames, and text logs of them: ASC, TRC, candump, BUSMASTER, CANHacker, CanKing, CSV.
+"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker, CanKing and tables (CSV).
 
 Each line is read by itself: one that should hold a frame and cannot be read costs only itself, and
 is counted.
@@ -9,13 +9,12 @@ import statistics
 from base64 import b64decode
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain, islice, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 from ..core.errors import UserError
+from .can_blf import Frame, Problems
 
 # Lines of logs that have a frame in each: time, bus, identifier, flags, size and bytes.
 _CANDUMP = re.compile(
@@ -65,33 +64,6 @@ _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")  # of bytes that were lost
 _DAY = 86_400.0
 _SAMPLE = 1000  # frames that show whether times are steps
 _LEAST_DECIMALS = 6  # of steps: many coarser ones add up to a wrong time
-
-
-class Frame(NamedTuple):
-    """One frame of a log."""
-
-    t: float  # after the start of the log [s]
-    bus: int  # from 0
-    identifier: int  # -1 where the log names the message
-    extended: bool = False
-    data: bytes = b""
-    kind: str = "data"  # or "remote", "error"; "event" of a line with a time and no frame
-    name: str = ""  # of the message, where the log has no number
-
-
-@dataclass(slots=True)
-class Problems:
-    """What is wrong with a log."""
-
-    damage: str = ""
-    lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
-    example: str = ""  # the first of them
-    errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
-    has_steps: bool = False  # whether times count from the line before
-
-    def note(self, damage: str) -> None:
-        """Notes damage; the first is the one that people are shown."""
-        self.damage = self.damage or damage
 
 
 class TextLog:

@@ -297,8 +297,20 @@ def test_a_damaged_blf_keeps_the_frames_before_the_damage(tmp_path: Path, damage
     assert 150 < n < 300
     assert np.array_equal(found["speed"].t, whole["speed"].t[:n])
     assert findings["log-damaged"].values["kept_rows"] == n
-    with pytest.raises(UserError, match="behind frame"):
+    with pytest.raises(UserError, match="byte"):
         open_source(path, ReadOptions(strict=True, dbc=stated(tmp_path)))
+
+
+def test_losses_that_the_logger_notes(tmp_path: Path) -> None:
+    path = tmp_path / "a.blf"
+    blf(path)
+    lost = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 125, 2, 0, 0, 5 * 10**9) + bytes(8)
+    packed = zlib.compress(lost)
+    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+    with path.open("ab") as file:
+        file.write(base + struct.pack("<H6xL4x", 2, len(lost)) + packed)
+    _, findings, _ = columns(path, stated(tmp_path))
+    assert findings["can-frames-lost"].spans == ((5.0, 5.0),)
 
 
 def test_dbc_on_the_command_line_and_in_a_file(
@@ -544,22 +556,47 @@ def test_frames_of_two_buses_out_of_order_are_no_steps(tmp_path: Path) -> None:
         assert np.allclose(spans, 198 / 50)
 
 
-@pytest.mark.parametrize("text", [b"", b"x", b"ab", b"abc", b"\xfc" * 101])
-def test_a_marker_of_the_user_costs_no_frame(tmp_path: Path, text: bytes) -> None:
+MARKERS = [b"", b"x", b"ab", b"abc", b"text with LOBJ inside", b"\xfc" * 101]
+
+
+@pytest.mark.parametrize("text", MARKERS)
+@pytest.mark.parametrize("padding", [0, 1, 3, 4])
+@pytest.mark.parametrize("is_outside", [False, True])
+def test_a_marker_of_the_user_costs_no_frame(
+    tmp_path: Path, text: bytes, padding: int, is_outside: bool
+) -> None:
+    """Of any length, padded as one likes, among the frames or between two containers."""
     path = tmp_path / "a.blf"
     places = blf(path)
     whole, _, _ = columns(path, stated(tmp_path))
     body = struct.pack("<LLL3xBLLL12x", 0, 0xFFFFFF, 0xFF3300, 0, 5, len(text), 0) + b"Mark " + text
     marker = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), 96, 2, 0, 0, 10**9) + body
-    packed = zlib.compress(marker)
-    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
-    marker = base + struct.pack("<H6xL4x", 2, len(marker)) + packed
-    marker += bytes(len(marker) % 4)
-    raw, at = path.read_bytes(), places[0]
+    marker += bytes(padding)
+    raw, at = path.read_bytes(), places[3]
+    if not is_outside:
+        packed = zlib.compress(marker)
+        base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+        at, marker = places[0], base + struct.pack("<H6xL4x", 2, len(marker)) + packed
     path.write_bytes(raw[:at] + marker + raw[at:])
     found, findings, _ = columns(path, stated(tmp_path))
     assert np.array_equal(found["speed"].t, whole["speed"].t)
     assert not findings
+
+
+@pytest.mark.parametrize("length", [3, 20, 33, 70])
+def test_an_object_with_a_wrong_length_costs_itself(tmp_path: Path, length: int) -> None:
+    frames = [frame(k / 10, bytes(5)) for k in range(400)]
+    path = written(tmp_path / "a.blf", frames)
+    raw = path.read_bytes()
+    size = struct.unpack_from("<L", raw, 144 + 8)[0]
+    content = bytearray(zlib.decompress(raw[144 + 32 : 144 + size]))
+    struct.pack_into("<L", content, 48 * 200 + 8, length)
+    packed = zlib.compress(bytes(content))
+    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+    path.write_bytes(raw[:144] + base + struct.pack("<H6xL4x", 2, len(content)) + packed)
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert 398 <= len(found["speed"].t) <= 400
+    assert "log-damaged" in findings
 
 
 def j1939(folder: Path, identifier: int) -> tuple[str, ...]:
