@@ -1,10 +1,12 @@
 """Text for people: tables on stdout, progress and findings on stderr."""
 
+import re
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from ..core.finding import Finding, Severity, catalogue
@@ -29,6 +31,8 @@ _CHANNEL = 28  # of these for names of channels
 _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 _FEW_LOGS = 2  # logs that a line on a finding names
+_ZERO = re.compile(r"(?<=\.zero=)-?\d+(?:\.\d+)?")  # as an option states it
+_ALIKE_ZEROS = 0.3  # of their mean: zeros that differ by less are one
 _MOST_OPTIONS = 16  # that one finding shows
 _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
@@ -166,10 +170,34 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 
 def _options(group: Sequence[Finding]) -> str:
     """What the remedy of warnings would have pasted: an option a line, never cut."""
-    options = dict.fromkeys(x for f in group if f.severity != "info" and (x := f.option))
-    lines = [f"      {printable(x)}" for x in [*options][:_MOST_OPTIONS]]
+    options = merge_zeros(x for f in group if f.severity != "info" and (x := f.option))
+    lines = [f"      {printable(x)}" for x in options[:_MOST_OPTIONS]]
     missing = len(options) - len(lines)
     return "\n".join([*lines, f"      and {missing} more: see --json"] if missing else lines)
+
+
+def merge_zeros(options: Iterable[str]) -> list[str]:
+    """Each option once; zeros of one sensor that several logs show, as their mean.
+
+    Where they differ by more than noise, each is an option of its own.
+    """
+    by_setting: dict[str, list[str]] = {}
+    for option in dict.fromkeys(options):
+        by_setting.setdefault(_ZERO.sub("", option), []).append(option)
+    merged = []
+    for of_logs in by_setting.values():
+        columns = [*zip(*(map(float, _ZERO.findall(x)) for x in of_logs), strict=True)]
+        means = [fmean(column) for column in columns]
+        spreads = (max(column) - min(column) for column in columns)
+        if len(of_logs) > 1 and all(
+            spread < _ALIKE_ZEROS * abs(mean) for spread, mean in zip(spreads, means, strict=True)
+        ):
+            setting, *rest = _ZERO.split(of_logs[0])
+            zeros = (f"{mean:.3g}{text}" for mean, text in zip(means, rest, strict=True))
+            merged.append(setting + "".join(zeros))
+        else:
+            merged += of_logs
+    return merged
 
 
 def _channels(group: Sequence[Finding]) -> str:

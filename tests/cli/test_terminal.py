@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.cli.terminal import findings, scores, show, show_of_logs, table, wrote_sets
+from adhesion_cli.cli.terminal import (
+    findings,
+    merge_zeros,
+    scores,
+    show,
+    show_of_logs,
+    table,
+    wrote_sets,
+)
 from adhesion_cli.core import toml
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
@@ -214,4 +222,15 @@ def test_a_table_of_all_logs_is_written_where_it_says() -> None:
         "wrote r/a.adhesion.mcap, .rrd, .sha256",
         "wrote r/b.adhesion.mcap, .sha256",
         "wrote all.xlsx",
+    ]
+
+
+def test_zeros_of_one_sensor_in_several_logs_are_one_option() -> None:
+    pressure = "--set channels.pressure.axle{}.zero={}"
+    options = [pressure.format(*x) for x in ((1, 0.25), (2, 0.1), (1, 0.27), (2, 0.3), (1, 0.25))]
+    unlike = [pressure.format(2, 0.1), pressure.format(2, 0.3)]
+    assert merge_zeros([*options, "--set a={b=1}"]) == [
+        pressure.format(1, 0.26),
+        *unlike,
+        "--set a={b=1}",
     ]

@@ -32,6 +32,9 @@ class Params(NamedTuple):
     reach: Annotated[float, Quantity("s", "by which all pressures may be delayed")] = 1.0
     follows: Annotated[float, fraction("correlation with the other axle's pressure")] = 0.7
     own: Annotated[float, fraction("a higher correlation with its own is no swap")] = 0.3
+    pair: Annotated[
+        float, fraction("mean correlation of two axles that follow each other, least: half of it")
+    ] = 0.6
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
@@ -44,20 +47,41 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     shifts = sorted(range(-reach, reach + 1), key=abs)
     own_correlation = np.array([[_follows(p, g, i, i, k) for i in indices] for k in shifts])
     delayed_correlation = own_correlation[np.argmax(own_correlation.mean(axis=1))]
+    follows = np.array(
+        [[_follows(p, g, i, j) if slides[i] else 0.0 for j in indices] for i in indices]
+    )
     for i in (i for i in indices if slides[i]):
-        follows = [_follows(p, g, i, j) for j in indices]
-        j = int(np.argmax(follows))
-        if (
-            follows[j] > max(p.follows, delayed_correlation[i] / 0.9)
-            and follows[i] < p.own
+        j = int(np.argmax(follows[i]))
+        others = [follows[k, k] for k in indices if slides[k] and k not in (i, j)]
+        if others and np.mean(others) < p.own:  # the log does not show which pressure is whose
+            continue
+        alone = (
+            follows[i, j] > max(p.follows, delayed_correlation[i] / 0.9)
+            and follows[i, i] < p.own
+            and not follows[j, j] > max(p.follows, follows[j, i])
             and _in_every_slide(p, g, i, j)
-        ):
+        )
+        if alone or is_pair(p, follows, i, j):
             values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
             mask = g.share[i] < p.share
             entry = {"channel": axles[j].brake.name, "field": axles[j].brake.field}
             line = f"channels.{axles[j].brake.meaning}.axle{axles[i].record.axle} = "
             names = {"option": toml.option(line + toml.table(entry))}
             yield s.finding("axles-swapped", "warning", axles[i].speed, mask, i, values, names)
+
+
+def is_pair(p: Params, follows: Floats, i: int, j: int) -> bool:
+    """Whether two axles follow each other, and the rest follow themselves.
+
+    Neither is as sure alone: `follows` has the correlations of all axles, (axles, pressures).
+    """
+    crossed = np.array([follows[i, j], follows[j, i]])
+    own = max(follows[i, i], follows[j, j])
+    others = np.delete(np.diag(follows), [i, j])
+    works = others.size > 0 and float(others.mean()) > p.follows
+    least = p.pair if works else p.follows
+    is_mutual = crossed.mean() > least and crossed.min() > least / 2.0
+    return i != j and bool(is_mutual) and own < crossed.mean() / 2.0
 
 
 def _in_every_slide(p: Params, g: Grid, i: int, j: int) -> bool:
