@@ -26,11 +26,7 @@ _CANKING = re.compile(
     r"(?P<bus>\d+)\s+(?P<id>[0-9A-Fa-f]+)\s+(?P<flags>[A-Za-z]\S*\s+)?(?P<size>\d+)\s+"
     r"(?P<data>(?:[0-9A-Fa-f]{2}\s+)*)(?P<t>\d+[.,]\d+)\s+[RT]"
 )
-_FORMS = (
-    (re.compile(r"\s*Time\s+ID\s+DLC\s+Data"), _CANHACKER),
-    (re.compile(r"\s*Chn\s+Identifier\s+Flg\s+DLC"), _CANKING),
-    (_CANDUMP, _CANDUMP),
-)  # by what the files begin with
+_FORMS = {"candump": _CANDUMP, "CANHacker": _CANHACKER, "CanKing": _CANKING}
 _TABLE = {  # columns of a table of frames, by their names
     "t": r"time|(?:uhr)?zeit",
     "id": r"(?:can[ _-]?)?(?:id|identifier|arbitration_id)\b",
@@ -38,21 +34,24 @@ _TABLE = {  # columns of a table of frames, by their names
     "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
     "bus": r"bus|ch",
 }
-_IN_HEAD = (rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{x}))' for name, x in _TABLE.items() if name != "bus")
+_IN_HEAD = [rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{x}))' for name, x in _TABLE.items() if name != "bus"]
 _TABLE_HEAD = re.compile("(?im)^" + "".join(_IN_HEAD))
 _DATED = re.compile(r"\d{4}-\d\d-\d\d[ T]")
 _NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
-_WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
-_BUSMASTER = b"***BUSMASTER"
-# What a file begins with that holds frames; the last one is an ASC log without its head.
-BEGINS = (
-    rb"(?ms:\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
-    rb"|\s*Chn\s+Identifier\s+Flg\s+DLC"
-    rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
-    rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
-    rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s"
-    rb"|(?:[^\n]*\n){0,9}?(?i:" + _TABLE_HEAD.pattern.removeprefix("(?im)").encode() + b"))"
-)
+# What the files of each program begin with; an ASC log may lack its head.
+_BEGINS = {
+    "BUSMASTER": rb"\*\*\*BUSMASTER",
+    "TRC": rb"\s*;\$FILEVERSION",
+    "CANHacker": rb"\s*Time\s+ID\s+DLC\s+Data",
+    "CanKing": rb"\s*Chn\s+Identifier\s+Flg\s+DLC",
+    "candump": rb"\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}"
+    rb"(?:#|\s+\[\s*\d+\])",
+    "without time": rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s",
+    "ASC": rb".{0,400}?^base\s+(?:hex|dec)\b"
+    rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
+    "table": rb"(?:[^\n]*\n){0,9}?(?i:^" + "".join(_IN_HEAD).encode() + b")",
+}
+BEGINS = b"(?ms:" + b"|".join(_BEGINS.values()) + b")"
 _BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
 _END_OF_BLOCK = re.compile(r"(?i)\s*end trigger ?block")
 _EVENTS = re.compile(r"(?i)Statistic|J1939|Overload|Status|Chip")  # lines of an ASC log: no frames
@@ -90,18 +89,14 @@ class TextLog:
         self._says_steps, self._decimals = False, 0
 
     def _reader(self, head: bytes, suffix: str) -> Callable[[str], Frame | None]:
-        if head.startswith(_BUSMASTER):
-            return self._busmaster
-        text = head.decode("latin-1")
-        if _TABLE_HEAD.search(text):
-            return self._table
-        self._form = next((form for begin, form in _FORMS if begin.match(text)), None)
-        if self._form:
-            return self._one_a_line
-        if _WITHOUT_TIME.match(head):
+        begins = (kind for kind, begin in _BEGINS.items() if re.match(b"(?ms)" + begin, head))
+        kind = next(begins, suffix.removeprefix(".").upper())
+        if kind == "without time":
             hint = "log them with `candump -l`, or show the time with `candump -t a`"
             raise UserError(f"{self._path}: frames of candump without time stamps", hint)
-        return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
+        self._form = _FORMS.get(kind)
+        by_kind = {"BUSMASTER": self._busmaster, "TRC": self._trc, "table": self._table}
+        return self._one_a_line if self._form else by_kind.get(kind, self._asc)
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames; the times of some logs count from the line before, and are added.
