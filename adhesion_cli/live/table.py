@@ -48,7 +48,6 @@ class ArrivingCsv:
 
     def restart(self, skip: int = 0) -> None:
         """The next bytes are the first ones of a file, which may have a header again."""
-        self._bom = self._table.dialect.bom
         self._splitter = Splitter(self._table.path, self._table.dialect, skip)
 
     def rows(self, data: bytes) -> Iterator[FeedRow]:
@@ -57,7 +56,6 @@ class ArrivingCsv:
         Raises:
             UserError: where a line has no end, or another header stands among the rows.
         """
-        data, self._bom = data[self._bom :], max(self._bom - len(data), 0)
         if block := self._splitter.add(data):
             yield from self._parsed(block)
 

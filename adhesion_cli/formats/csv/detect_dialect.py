@@ -38,8 +38,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         UserError: where this is no table of numbers, or cannot be read only one way.
     """
     reasons: dict[str, str] = {}
-    encoding, bom, reasons["encoding"] = encoding_of(head, options.encoding, path)
-    lines = first_lines(head[bom:], encoding, complete, path)
+    encoding, reasons["encoding"] = encoding_of(head, options.encoding, path)
+    lines = first_lines(head, encoding, complete, path)
     preamble, body = _body(lines, complete, path)
     delimiter_given, directive = _stated_delimiter(body[0][1], options)
     body = body[bool(directive) :]
@@ -84,7 +84,6 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         units=tuple(units),
         rows=data,
         encoding=encoding,
-        bom=bom,
         delimiter=delimiter,
         decimal=decimal,
         headed=bool(header.names),

@@ -41,7 +41,6 @@ class Dialect:
     units: tuple[str, ...]  # units row, "" where a cell is empty
     rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `removals`
     encoding: str = "utf-8"  # Python codec; UTF-8 passes through undecoded
-    bom: int = 0  # bytes before the text
     delimiter: str = ","  # one character; " " stands for runs of spaces and tabs
     decimal: str = "."
     headed: bool = True

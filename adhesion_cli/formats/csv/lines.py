@@ -48,17 +48,17 @@ _LANGUAGE_WORDS = {
 }
 
 
-def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
-    """Codec, bytes of byte order mark, and why.
+def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, str]:
+    """Codec, and why. Its byte order mark is a character of the text, which `plain` takes out.
 
     Raises:
         UserError: where the file is binary, or the stated encoding unknown.
     """
     for codec, mark in _MARKS.items():
         if head.startswith(mark):
-            return codec, len(mark), f"{codec} (byte order mark)"
+            return codec, f"{codec} (byte order mark)"
     codec, reason = _given_encoding(head, encoding, path) if encoding else _guessed(head, path)
-    return codec, 0, f"{codec} ({reason})"
+    return codec, f"{codec} ({reason})"
 
 
 def _given_encoding(head: bytes, encoding: str, path: Path) -> tuple[str, str]:
@@ -257,18 +257,13 @@ class Lines:
         Raises:
             UserError: where a line has no end.
         """
-        splitter = Splitter(self.path, self.dialect, self.dialect.first_line - 1)
-        yield from filter(None, map(splitter.add, self._bytes()))
+        file, first_line = PackedFile(self.path), self.dialect.first_line
+        splitter = Splitter(self.path, self.dialect, first_line - 1)
+        yield from filter(None, map(splitter.add, file.blocks()))
+        self.damage = file.damage
         block, self.is_unfinished = splitter.finish(bool(self.damage))
         if block:
             yield block
-
-    def _bytes(self) -> Iterator[bytes]:
-        file, mark = PackedFile(self.path), self.dialect.bom
-        for block in file.blocks():
-            yield block[mark:]
-            mark = max(mark - len(block), 0)
-        self.damage = file.damage
 
 
 @dataclass(slots=True)
