@@ -13,9 +13,9 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,6 @@ def _call(library: Library, path: Path, function: Callable[..., Any], arguments:
     """What the function makes of the file; runs in the other process."""
     try:
         _limit(path)
-        _import(library.modules)
         return function(path, *arguments)
     except Exception as error:
         _opened.clear()
@@ -105,15 +104,6 @@ def _call(library: Library, path: Path, function: Callable[..., Any], arguments:
         raise damaged(path, library.description, reason) from error
     finally:
         gc.collect()  # closes the file: on Windows, nobody can replace one that is open
-
-
-@cache
-def _import(modules: Sequence[str]) -> None:
-    """Imports a library, through which no search for garbage goes: 0.07 s for each log."""
-    for module in modules:
-        importlib.import_module(module)
-    gc.collect()
-    gc.freeze()
 
 
 def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None) -> Any:

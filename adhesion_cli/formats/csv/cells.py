@@ -37,14 +37,9 @@ def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     if pc.any(pc.match_substring(text, " ")).as_py():
         text = pc.utf8_trim_whitespace(text)
     with_point = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-    try:
-        if decimal != "." and pc.any(pc.match_substring(text, ".")).as_py():
-            raise pa.ArrowInvalid
-        value = np.array(pc.cast(with_point, pa.float64()))
-    except pa.ArrowInvalid:
-        grammar = f"^(?:{number_grammar(decimal).pattern})$"
-        numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
-        value = np.array(pc.cast(pc.if_else(numeric, with_point, None), pa.float64()))
+    grammar = f"^(?:{number_grammar(decimal).pattern})$"
+    numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
+    value = np.array(pc.cast(pc.if_else(numeric, with_point, None), pa.float64()))
     state = np.full(len(value), NUMBER, np.int8)
     non_finite = np.flatnonzero(~np.isfinite(value))
     if len(non_finite):

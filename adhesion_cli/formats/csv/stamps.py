@@ -48,7 +48,6 @@ STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
     }
     for kind in ("dates", "short_dates")
 )
-_ISO = STAMPS["colons ymd"], STAMPS["colons ymd"].replace("(?P<l>[0-9]{3})", _COUNTS[0])
 _MONTHS = {name: int(k) for k, names in _FORMS["months"].items() for name in names.split()}
 
 _ANY = [
@@ -135,8 +134,6 @@ def as_counted(cells: Sequence[str], pattern: str) -> str:
 
 def parse(text: Any, pattern: str) -> tuple[Times, Bools]:
     """Times [ns] of stamps that match the pattern, and which do; `stamps.toml` names its groups."""
-    if pattern in _ISO and (iso := _of_iso(text)):
-        return iso
     groups = _Groups(text, pattern)
     ns, ok = _time_of_day(groups)
     if "y" in groups.names:
@@ -157,18 +154,6 @@ def _ahead(zone: str) -> int:
     hours, minutes = re.fullmatch(r"\D*([0-9]{0,2}):?([0-9]{0,2})", zone).groups()  # type: ignore
     shift = int(hours or 0) * 3600 + int(minutes or 0) * 60
     return _ZONES.get(zone, -shift if "-" in zone else shift) * _S
-
-
-def _of_iso(text: Any) -> tuple[Times, Bools] | None:
-    """Times [ns] of stamps as 2026-11-21 13:05:07.25 by Arrow, which is fast; None for others."""
-    if (pc.min(pc.utf8_length(text)).as_py() or 0) < 19:  # without seconds
-        return None
-    zone = "UTC" if pc.any(pc.ends_with(text, "Z")).as_py() else None
-    try:
-        t = pc.cast(text, pa.timestamp("ns", zone)).cast(pa.int64())
-    except pa.ArrowInvalid:
-        return None
-    return np.asarray(pc.fill_null(t, 0)), np.asarray(t.is_valid())
 
 
 class _Groups:
