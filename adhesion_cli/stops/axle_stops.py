@@ -99,7 +99,8 @@ def _largest_slip(t: Floats, v: Floats, slips: Floats, signals: StopSignals) -> 
     expected is taken off, as of the largest jerk.
     """
     interval = float(np.median(np.diff(t))) if len(t) > 1 else _SLIP_TIME
-    smooth = means_around(t, median_of_five(slips), _SLIP_TIME)
+    is_fast = 5.0 * interval <= 2.0 * _SLIP_TIME  # five slow samples are longer than a slide
+    smooth = means_around(t, median_of_five(slips) if is_fast else slips, _SLIP_TIME)
     widths = sorted({max(round(x / interval), 1) for x in _NOISE_TIMES})
     noise = max(_noise(smooth, v, width) for width in widths)
     k = int(np.argmax(smooth))

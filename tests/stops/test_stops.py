@@ -455,6 +455,18 @@ def test_the_noise_of_a_rolling_wheel_is_no_slip(readings: int) -> None:
     assert axle.max_slip_u95 < 0.03
 
 
+def test_a_short_slip_between_slow_samples_is_the_largest() -> None:
+    """0.3 s at 10 Hz are three samples."""
+    x, _ = signals(rate=10.0)
+    t, v = x.speed
+    slip = 0.04 * np.clip(1.5 - np.abs(t - ON - 8.0) / 0.1, 0.0, 1.0)
+    (stop,) = measured(x._replace(rims={1: TimeSeries(t, v * (1.0 - slip))}))
+    (axle,) = stop.axles
+    assert axle.max_slip is not None
+    assert axle.max_slip_u95 is not None
+    assert axle.max_slip == pytest.approx(0.04, abs=max(axle.max_slip_u95, 0.002))
+
+
 @pytest.mark.parametrize(("begin", "known"), [(1.5, False), (4.0, True)])
 def test_a_slide_that_cuts_off_the_last_rise_leaves_no_response(begin: float, known: bool) -> None:
     """The brake fills as 1 − exp(−t/0.45 s), and its full value shows only before the slide."""
