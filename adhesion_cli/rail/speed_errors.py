@@ -41,11 +41,12 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
             if len(values := (bend := _bend(record, x, m))[selected & np.isfinite(bend)]) > 10 * m
         ]
         train = max(train, min(levels, default=0.0))
-    turns = np.where(v > _TURNING_SPEED, _bend(record, rim, 1), np.nan)
-    wheel = np.nanmedian(turns) / _MEDIAN_OF_SIGMA
+    turns = _bend(record, rim, 1)[v > _TURNING_SPEED]
+    turns = turns[np.isfinite(turns)]
+    wheel = float(np.median(turns)) / _MEDIAN_OF_SIGMA if len(turns) else 0.0
     reading = max(1, round(record.train_speed_interval / h))
     between_readings = _bend(record, v, reading) / CLEAR_SIGMAS
-    noise: Floats = np.hypot(np.fmax(train, between_readings), np.nan_to_num(wheel))
+    noise: Floats = np.hypot(np.fmax(train, between_readings), wheel)
     return noise
 
 

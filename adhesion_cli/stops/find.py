@@ -52,6 +52,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         return
     v, has_speed = speed.interpolated(t), _has_speed(speed, t)
     applied = _applied(signals, t) if signals.brakes else _slows(v)
+    known_from = min((_first_known(x) for x in signals.brakes.values()), default=-math.inf)
     is_standing = _standing(v, _LOCKED if signals.speed_from == "axles" else 0.0)
     for first_index, release_index in true_runs(applied):
         start_speed = v[first_index]
@@ -64,7 +65,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         last_speed = float(known_speeds[np.isfinite(known_speeds)][-1])
         gaps = true_runs(~has_speed[first_index : braked_until + 1])
         gap = STEP * max((gap_end - gap_begin for gap_begin, gap_end in gaps), default=0)
-        if first_index == 0:
+        is_begun = not signals.commands and t[first_index] <= known_from + STEP
+        if first_index == 0 or is_begun:
             reason = BEGUN
         elif gap:
             reason = f"no speed for {gap:.1f} s"
@@ -88,6 +90,12 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             continue
         if not start_speed - last_speed < _LEAST_LOSS * start_speed:
             yield Braking(float(t[first_index]), float(t[braked_until]), reason)
+
+
+def _first_known(brake: TimeSeries) -> float:
+    """The time of the first sample of a brake [s]; infinite for none."""
+    known = np.isfinite(brake.value)
+    return float(brake.t[np.argmax(known)]) if known.any() else math.inf
 
 
 def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
