@@ -68,6 +68,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         is_begun = not signals.commands and t[first_index] <= known_from + STEP
         if first_index == 0 or is_begun:
             reason = BEGUN
+        elif any(a < t[braked_until] and b > t[first_index] for a, b in signals.overlaps):
+            reason = "the clock was set back"
         elif gap:
             reason = f"no speed for {gap:.1f} s"
         elif not standing and release_index == len(t):
@@ -117,6 +119,9 @@ def _applied(signals: StopSignals, t: Floats) -> Bools:
     for first_index, stop in true_runs(~is_released):
         applied[first_index:stop] = is_applied[first_index:stop].any()
         applied[first_index : first_index + int(np.argmax(is_applied[first_index:stop]))] = False
+    last = len(applied) - int(np.argmax(applied[::-1])) if applied.any() else 0
+    if last and is_unknown[last:].all():  # whether it is released, the speed says
+        applied[last:] = True
     return _closed(applied, is_unknown)
 
 

@@ -3,6 +3,7 @@
 Times are seconds after the start of the log.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -77,6 +78,7 @@ class StopSignals(NamedTuple):
     # by axle, the clamping force with what friction changes of it, where the vehicle is known
     clamping: Mapping[int, TimeSeries] = {}
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
+    overlaps: Sequence[tuple[float, float]] = ()  # times that a clock that is set back gives twice
     filled: Bools | None = None  # where the speed was not logged, and is the wheels', (n,)
 
     @property
@@ -150,6 +152,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         radius_shares=radius_shares,
         clamping=clamping,
         knows_delay=not (measured and has_uncertain_delay(base)),
+        overlaps=_overlaps(_seconds(base.t, start_ns)),
         filled=filled,
         **_logged(log),
     )
@@ -279,6 +282,13 @@ def _shaped(
     changes = np.diff(of_readings[np.isfinite(of_readings)])
     level_sigma = robust_sigma(changes) / math.sqrt(2.0 * _AVERAGED) if len(changes) else 0.0
     return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse, level_sigma
+
+
+def _overlaps(t: Floats) -> list[tuple[float, float]]:
+    """The times that several pieces of a clock have, which is set back between them [s]."""
+    pieces = [(x[0], x[-1]) for x in np.split(t, np.flatnonzero(np.diff(t) < 0.0) + 1)]
+    both = ((max(a[0], b[0]), min(a[1], b[1])) for a, b in itertools.combinations(pieces, 2))
+    return [(float(start), float(stop)) for start, stop in both if start < stop]
 
 
 def _over_gaps(

@@ -797,6 +797,35 @@ def test_a_rise_within_a_gap_of_the_pressure_is_no_response(ends: tuple[float, f
     assert stop.mean_deceleration is not None
 
 
+def test_a_pressure_that_ends_before_standstill_ends_no_stop() -> None:
+    x, distance = signals()
+    t, p = x.brakes[1]
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t[t < 25.0], p[t < 25.0])}))
+    assert stop.valid
+    assert stop.distance_m is not None
+    assert stop.distance_m.value == pytest.approx(distance, rel=0.005)
+
+
+def test_a_pressure_that_begins_in_a_braking_shows_no_command() -> None:
+    x, _ = signals(command=False)
+    t, p = x.brakes[1]
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t[t > 14.0], p[t > 14.0])}))
+    assert stop.reason == "the log begins with the brake applied"
+
+
+def test_a_stop_in_which_the_clock_is_set_back_is_not_valid() -> None:
+    made = result(1, 6000)
+    record = made.axles[0].record
+    back = record.t.copy()
+    back[3000:] -= 10 * 10**9
+    assert not of_records([record], made.log, made.vehicle).overlaps
+    ((start, end),) = of_records([replace(record, t=back)], made.log, made.vehicle).overlaps
+    assert end - start == pytest.approx(10.0, abs=0.05)
+    x, _ = signals()
+    assert measured(x._replace(overlaps=[(20.0, 30.0)]))[0].reason == "the clock was set back"
+    assert measured(x._replace(overlaps=[(1.0, 9.0)]))[0].valid
+
+
 @pytest.mark.parametrize(("vent", "is_known"), [(2.3, True), (1.7, False)])
 def test_a_valve_that_vents_a_level_leaves_the_response_known(vent: float, is_known: bool) -> None:
     x, _ = signals()
