@@ -299,8 +299,20 @@ def _input_streams(record: model.AxleRecord, log: Log, topic: str) -> Iterator[_
     if brake and brake.meaning and not np.isin(t, brake.data.t).all():
         # Between its own stamps the reference interpolates: held values alone would not do again.
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
+    yield from _whole_speed(record, topic)
     if record.truth is not None or record.true_slip is not None:
         yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
+
+
+def _whole_speed(record: model.AxleRecord, topic: str) -> Iterator[_Stream]:
+    """The wheel speed with the times at which no brake is known: stops need them."""
+    alone = record.speeds_alone
+    if alone is None or (np.diff(record.t) <= 0).any():
+        return
+    t, speed = np.append(record.t, alone.t), np.append(record.wheel_speed, alone.wheel_speed)
+    order = np.argsort(t, kind="stable")
+    column = model.Column(t[order], speed[order], np.isfinite(speed[order]))
+    yield _scalar(f"{topic}/wheel_speed", names.SI["wheel_speed"], column)
 
 
 def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:

@@ -336,3 +336,24 @@ def test_a_log_with_slides_takes_no_delay_of_another_sensor(run: Run, tmp_path: 
         codes = [f["code"] for f in findings]
         assert "train-speed-delay" in codes
         assert ("times-of-other-logs" in codes) == (sensor == "GPS")
+
+
+def test_a_result_has_the_stops_of_its_log_where_the_pressure_was_lost(
+    run: Run, tmp_path: Path
+) -> None:
+    rows = []
+    for k in range(1200):
+        t = k / 20
+        pressure = "" if 9.3 < t < 14.0 else f"{min(max(t - 10.0, 0.0) * 3.0, 3.0):.3f}"
+        speed = min(90.0, max(90.0 - 3.6 * (t - 10.5), 0.0))
+        rows.append(f"{t:.2f},{pressure},{speed:.3f},{speed:.3f}")
+    log = tmp_path / "log.csv"
+    log.write_text("t [s],BCP 1 [bar],axle 1 [km/h],train speed [km/h]\n" + "\n".join(rows) + "\n")
+    of_log, of_result = (
+        json.loads(run("analyze", name, "-o", out, "--json").stdout)["results"][0]["stops"]
+        for name, out in ((str(log), "a"), ("a/log.adhesion.mcap", "b"))
+    )
+    (stop,) = of_log
+    assert stop["valid"]
+    for key in ("start_s", "valid", "reason", "distance_m", "response_time_s", "duration_s"):
+        assert of_result[0][key] == stop[key]
