@@ -50,8 +50,8 @@ def without_force_findings(findings: Sequence[Finding]) -> list[Finding]:
 def _reason_unknown(identified: IdentifiedVehicle, log: AlignedLog) -> str:
     """Why a log does not show its brake."""
     if log.grids is None:
-        is_back = any((np.diff(a.record.t) <= 0).any() for a in log.axles)
-        return "its clock was set back" if is_back else "it is too short"
+        clock_jumps = any((np.diff(a.record.t) <= 0).any() for a in log.axles)
+        return "its clock was set back" if clock_jumps else "it is too short"
     if identified.other_brake or log.other_brakes:
         return "another brake acts as well"
     if log.grids.coarse.motors is not None:

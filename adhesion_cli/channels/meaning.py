@@ -113,8 +113,8 @@ def understood(
     meant: list[Meant] = []
     guesses: list[int] = []
     for field in fields:
-        stated = by_hand.get(field, [])
-        if field.words and not (stated or _is_state(field)):
+        own_mappings = by_hand.get(field, [])
+        if field.words and not (own_mappings or _is_state(field)):
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(spelled_out(ungrouped, abbreviations))
@@ -123,7 +123,7 @@ def understood(
             axle = place_of(replace(ungrouped, channel=base[1])).axle
         if field.path.count("[") > 1:
             meaning, reason = None, "a list in a list: state its axle in [channels]"
-        if meaning and all(m.meaning == meaning for m in stated):  # it counts with the others
+        if meaning and all(m.meaning == meaning for m in own_mappings):  # it counts with the others
             guesses.append(len(meant))
         unit_conflict = _unit_too(field, meaning, unit) if meaning and meaning in INPUTS else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
@@ -136,14 +136,14 @@ def understood(
     findings = _count_from_one(meant, guesses, by_hand)
     _drop_sums(meant, guesses)
     findings += _assign_axles(meant, guesses, by_hand)
-    meant, guesses = _with_stated(meant, guesses, by_hand)
+    meant, guesses = _apply_mappings(meant, guesses, by_hand)
     findings += _spread_forces(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
     _apply_statements(meant, set(guesses), mappings)
     return meant, findings
 
 
-def _with_stated(
+def _apply_mappings(
     meant: Sequence[Meant], guesses: Collection[int], by_hand: Mappings
 ) -> tuple[list[Meant], list[int]]:
     """The fields with what the user states of them, and which of them are still guesses.
@@ -151,24 +151,26 @@ def _with_stated(
     A channel that is stated for one axle leaves the other axles theirs. One that is stated for no
     axle is the only one of its meaning, and so is each force of motors: they are added.
     """
-    stated = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
-    meanings = {meaning for meaning, _ in stated}
+    mapped_axles = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
+    meanings = {meaning for meaning, _ in mapped_axles}
     rows: list[Meant] = []
-    left: list[int] = []
-    seen: set[Field] = set()
+    guess_rows: list[int] = []
+    written_fields: set[Field] = set()
     for i, m in enumerate(meant):
         if m.field in by_hand:
-            if m.field not in seen:
+            if m.field not in written_fields:
                 rows += [_as_stated(m.field, x) for x in by_hand[m.field]]
-                seen.add(m.field)
+                written_fields.add(m.field)
             continue
-        is_alone = m.axle is None or (m.meaning, None) in stated or m.meaning in MOTOR_FORCES
-        if (m.meaning, m.axle) in stated or (m.meaning in meanings and is_alone):
+        is_only_channel = (
+            m.axle is None or (m.meaning, None) in mapped_axles or m.meaning in MOTOR_FORCES
+        )
+        if (m.meaning, m.axle) in mapped_axles or (m.meaning in meanings and is_only_channel):
             m = m.without(f"[channels] names another {m.meaning}")
         elif i in guesses:
-            left.append(len(rows))
+            guess_rows.append(len(rows))
         rows.append(m)
-    return rows, left
+    return rows, guess_rows
 
 
 def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
@@ -387,7 +389,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> 
     the user states is not reported.
     """
     findings, counted_on = [], []
-    stated = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
+    mapped_axles = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
     channels = {
         i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
         for i, m in ((i, meant[i]) for i in guesses)
@@ -398,9 +400,11 @@ def _assign_axles(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> 
         if axles is None:
             meant[i] = m.without(UNCLEAR)
             continue
-        is_stated = m.field in by_hand
-        axles = tuple(a for a in axles if is_stated or (m.meaning, a) not in stated) or axles
-        if is_counted_on and not is_stated:
+        has_mapping = m.field in by_hand
+        axles = (
+            tuple(a for a in axles if has_mapping or (m.meaning, a) not in mapped_axles) or axles
+        )
+        if is_counted_on and not has_mapping:
             counted_on.append((replace(m, axle=axles[0]), axles))
         if m.meaning in MOTOR_FORCES and axles and not _is_of_each(m):
             m = replace(m, share=1.0 / len(axles))
@@ -409,9 +413,9 @@ def _assign_axles(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> 
             meant.append(replace(m, axle=axle))
         if axles:
             meant[i] = replace(m, axle=axles[0])
-        if m.meaning in MOTOR_FORCES and len(axles) > 1 and not is_stated:
+        if m.meaning in MOTOR_FORCES and len(axles) > 1 and not has_mapping:
             findings.append(_spread_finding(m, axles, axles))
-        elif len(axles) > 1 and not is_stated:
+        elif len(axles) > 1 and not has_mapping:
             key = f"channels.{m.meaning}.bogie{(axles[0] + 1) // 2}"
             lines = f"{key} = {toml.table(entry_of(m.field))}", f"{key}.axles = {[*axles]}"
             names = {"axles": enumerated(axles), "option": toml.option(*lines)}

@@ -52,7 +52,9 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         return
     v, has_speed = speed.interpolated(t), _has_speed(speed, t)
     applied = _applied(signals, t) if signals.brakes else _slows(v)
-    known_from = min((_first_known(x) for x in signals.brakes.values()), default=-math.inf)
+    first_brake_sample = min(
+        (_first_sample_time(x) for x in signals.brakes.values()), default=-math.inf
+    )
     is_standing = _standing(v, _LOCKED if signals.speed_from == "axles" else 0.0)
     for first_index, release_index in true_runs(applied):
         start_speed = v[first_index]
@@ -65,7 +67,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         last_speed = float(known_speeds[np.isfinite(known_speeds)][-1])
         gaps = true_runs(~has_speed[first_index : braked_until + 1])
         gap = STEP * max((gap_end - gap_begin for gap_begin, gap_end in gaps), default=0)
-        is_begun = not signals.commands and t[first_index] <= known_from + STEP
+        is_begun = not signals.commands and t[first_index] <= first_brake_sample + STEP
         if first_index == 0 or is_begun:
             reason = BEGUN
         elif any(a < t[braked_until] and b > t[first_index] for a, b in signals.overlaps):
@@ -94,10 +96,10 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             yield Braking(float(t[first_index]), float(t[braked_until]), reason)
 
 
-def _first_known(brake: TimeSeries) -> float:
+def _first_sample_time(brake: TimeSeries) -> float:
     """The time of the first sample of a brake [s]; infinite for none."""
-    known = np.isfinite(brake.value)
-    return float(brake.t[np.argmax(known)]) if known.any() else math.inf
+    is_finite = np.isfinite(brake.value)
+    return float(brake.t[np.argmax(is_finite)]) if is_finite.any() else math.inf
 
 
 def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
@@ -119,9 +121,9 @@ def _applied(signals: StopSignals, t: Floats) -> Bools:
     for first_index, stop in true_runs(~is_released):
         applied[first_index:stop] = is_applied[first_index:stop].any()
         applied[first_index : first_index + int(np.argmax(is_applied[first_index:stop]))] = False
-    last = len(applied) - int(np.argmax(applied[::-1])) if applied.any() else 0
-    if last and is_unknown[last:].all():  # whether it is released, the speed says
-        applied[last:] = True
+    last_applied = len(applied) - int(np.argmax(applied[::-1])) if applied.any() else 0
+    if last_applied and is_unknown[last_applied:].all():  # whether it is released, the speed says
+        applied[last_applied:] = True
     return _closed(applied, is_unknown)
 
 

@@ -362,23 +362,24 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
 def _rises_in_gap(brake: TimeSeries, command: float) -> bool:
     """Whether a brake has no samples near the command: its rise is not seen."""
     t = brake.t[np.isfinite(brake.value)]
-    first, last = np.searchsorted(t, [command - _UNSEEN, command + _UNSEEN])
-    longest = float(np.max(np.diff(t[max(first - 1, 0) : last + 1]), initial=0.0))
+    first_index, last_index = np.searchsorted(t, [command - _UNSEEN, command + _UNSEEN])
+    longest = float(np.max(np.diff(t[max(first_index - 1, 0) : last_index + 1]), initial=0.0))
     return bool(t[0] > command or longest > max(_UNSEEN, 3.0 * float(np.median(np.diff(t)))))
 
 
-def _is_vented(t: Floats, share: Floats, end: float) -> bool:
+def _is_vented(t: Floats, share: Floats, window_end: float) -> bool:
     """Whether a valve cuts the rise of a brake off: the full value is not known.
 
-    It acts as soon after the build-up as that lasts, until `end` [s], and no level comes before.
+    It acts as soon after the build-up as that lasts, until `window_end` [s], and no level comes
+    before.
     """
-    run = (t <= end) & np.isfinite(share)
+    run = (t <= window_end) & np.isfinite(share)
     t, share = t[run], share[run]
     falls = np.maximum.accumulate(share) - share
     if not (falls > DROP).any():
         return False
-    last = int(np.flatnonzero(falls[: int(np.argmax(falls > DROP))] < _STEADY)[-1])
-    level = share[(t > t[last] - _LEVEL_TIME) & (t <= t[last])]
+    level_end = int(np.flatnonzero(falls[: int(np.argmax(falls > DROP))] < _STEADY)[-1])
+    level = share[(t > t[level_end] - _LEVEL_TIME) & (t <= t[level_end])]
     if len(level) < 4:
         return True
     halves = np.array_split(level, 2)

@@ -287,8 +287,10 @@ def _shaped(
 def _overlaps(t: Floats) -> list[tuple[float, float]]:
     """The times that several pieces of a clock have, which is set back between them [s]."""
     pieces = [(x[0], x[-1]) for x in np.split(t, np.flatnonzero(np.diff(t) < 0.0) + 1)]
-    both = ((max(a[0], b[0]), min(a[1], b[1])) for a, b in itertools.combinations(pieces, 2))
-    return [(float(start), float(stop)) for start, stop in both if start < stop]
+    overlap_bounds = (
+        (max(a[0], b[0]), min(a[1], b[1])) for a, b in itertools.combinations(pieces, 2)
+    )
+    return [(float(start), float(stop)) for start, stop in overlap_bounds if start < stop]
 
 
 def _over_gaps(
@@ -301,22 +303,24 @@ def _over_gaps(
     """
     fastest = _fastest(rims, train.t).value
     difference = train.value - fastest
-    known, filled = np.flatnonzero(np.isfinite(difference)), np.zeros(len(train.t), dtype=np.bool_)
+    known_indices, filled = (
+        np.flatnonzero(np.isfinite(difference)),
+        np.zeros(len(train.t), dtype=np.bool_),
+    )
     value = train.value.copy()
     for start, stop in true_runs(~np.isfinite(train.value)):
-        place = int(np.searchsorted(known, start))
-        ends = known[max(place - 1, 0) : place + 1]  # before and after
+        place = int(np.searchsorted(known_indices, start))
+        end_indices = known_indices[max(place - 1, 0) : place + 1]  # before and after
         gap = fastest[start:stop]
-        limit = np.maximum(_ROLLING * train.value[ends], _SLOW_ROLLING)
+        limit = np.maximum(_ROLLING * train.value[end_indices], _SLOW_ROLLING)
         if (
-            len(ends) < 2
-            or ends[0] > start
+            len(end_indices) < 2
             or not np.isfinite(gap).all()
-            or (abs(difference[ends]) > limit).any()
+            or (abs(difference[end_indices]) > limit).any()
         ):
             continue
         if np.max(gap - np.minimum.accumulate(gap)) < GAIN:
-            offset = np.interp(train.t[start:stop], train.t[ends], difference[ends])
+            offset = np.interp(train.t[start:stop], train.t[end_indices], difference[end_indices])
             value[start:stop], filled[start:stop] = gap + offset, True
     return TimeSeries(train.t, value), filled if filled.any() else None
 
@@ -339,10 +343,10 @@ def brake_levels(brake: TimeSeries, start: float, stop: float) -> tuple[float, f
     high_level = released + _HIGH_SHARE * (highest - released)
     falls = np.maximum.accumulate(applied) - applied > DROP * (highest - released) + 5.0 * noise
     if falls.any():  # what a valve of the WSP has vented is not all filled again
-        before = applied[: int(np.argmax(falls))]
-        if float(np.quantile(before, 0.98)) - released >= _REACHED * (highest - released):
-            reached = int(np.argmax(before >= high_level))
-            return released, float(np.median(before[(reached + len(before)) // 2 :])), noise
+        unvented = applied[: int(np.argmax(falls))]
+        if float(np.quantile(unvented, 0.98)) - released >= _REACHED * (highest - released):
+            reached = int(np.argmax(unvented >= high_level))
+            return released, float(np.median(unvented[(reached + len(unvented)) // 2 :])), noise
     return released, float(np.median(applied[applied >= high_level])), noise
 
 

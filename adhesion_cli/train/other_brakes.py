@@ -28,7 +28,7 @@ from .grid import Grid
 
 _ACTING_SHARE = 0.1  # of the highest value of a channel: from there its brake acts
 _COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
-_BESIDE = 2.1  # before and after a change [s]
+_FLAT_TIME = 2.1  # before and after a change [s]
 # a change's own half [s]: a track brake drops within tenths of a second, a retarder in seconds
 _SUDDEN, _FADING = 0.4, 2.0
 # a gradient that changes by 2.5 % does so over the length of a train [m/s²]
@@ -82,33 +82,33 @@ def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
     braked = top > RELEASED_SHARE * np.max(top)
     braked |= np.nan_to_num(g.braking) > _LEAST_CHANGE[_SUDDEN]  # by the other brake alone
     mask, largest = np.zeros(len(braked), dtype=np.bool_), (0.0, 0.0)
-    for half in (_SUDDEN, _FADING):
-        for place, change in _steps(g, half):
+    for half_time in (_SUDDEN, _FADING):
+        for place, change in _steps(g, half_time):
             begin, stop = next((x for x in true_runs(braked) if x[0] <= place < x[1]), (0, 0))
             mask[slice(begin, place) if change > 0.0 else slice(place, stop)] = True
-            largest = max(largest, (change, half), key=lambda x: abs(x[0]))
+            largest = max(largest, (change, half_time), key=lambda x: abs(x[0]))
     if not mask.any():
         return ()
-    change, half = largest
+    change, half_time = largest
     verb = "falls" if change > 0.0 else "rises"
-    amount = f"{abs(change):.2g} m/s² within {2.0 * half:.2g} s"
+    amount = f"{abs(change):.2g} m/s² within {2.0 * half_time:.2g} s"
     names = {"reason": f"The deceleration {verb} by {amount} at the same pressure"}
     spans = spans_of_mask(mask, g.t, start_ns)
     return (Finding("other-brake", "warning", "", len(spans), spans, {}, names),)
 
 
-def _steps(g: Grid, half: float) -> Iterator[tuple[int, float]]:
+def _steps(g: Grid, half_time: float) -> Iterator[tuple[int, float]]:
     """The place of each change of acceleration on the grid, and the change [m/s²].
 
-    It lasts twice the time `half` [s]. Only a sudden one may slow the train more: so does, in some
+    It lasts twice `half_time` [s]. Only a sudden one may slow the train more: so does, in some
     seconds, the friction of cast iron at low speed. No friction slows it less in so short a time.
     """
-    j, n = round((_BESIDE + half) / g.step), g.rim.shape[-1]
+    j, n = round((_FLAT_TIME + half_time) / g.step), g.rim.shape[-1]
     if g.step > _COARSEST_STEP or n < 4 * j:
         return
     s = g.step * np.arange(-j, j + 1)
-    is_fitted = np.abs(s) > half
-    parabola = [s**2] if half == _SUDDEN else []  # a slow trend is no change in some seconds
+    is_fitted = np.abs(s) > half_time
+    parabola = [s**2] if half_time == _SUDDEN else []  # a slow trend is no change in some seconds
     basis = np.stack([np.ones_like(s), s, *parabola, np.maximum(s, 0.0)], axis=1)[is_fitted]
     inverse = np.linalg.pinv(basis)
     by_axle = sliding_window_view(g.rim + g.climb, len(s), axis=-1)[..., is_fitted]
@@ -117,10 +117,10 @@ def _steps(g: Grid, half: float) -> Iterator[tuple[int, float]]:
     freedom = len(basis) - basis.shape[1]
     noise = np.sqrt(np.sum((v - x @ basis.T) ** 2, axis=-1) / freedom)
     sigma, change = noise * float(np.linalg.norm(inverse[-1])), x[:, -1]
-    least_change = np.maximum(_LEAST_CHANGE[half], -_LEAST_SHARE[half] * x[:, 1])
+    least_change = np.maximum(_LEAST_CHANGE[half_time], -_LEAST_SHARE[half_time] * x[:, 1])
     change_of_axles = by_axle @ inverse[-1] * np.sign(change)
     is_change = np.abs(change) > np.maximum(least_change, _SIGMAS * sigma)
-    if half == _FADING:
+    if half_time == _FADING:
         is_change &= (change > 0.0) & (x[:, 0] < _FADING_SPEED)
     is_change &= (change_of_axles > _AXLE_SHARE * np.abs(change)).all(axis=0) & _is_steady(g, j)
     for begin, stop in true_runs(is_change):
