@@ -135,7 +135,7 @@ def find_response(
     if smooth.interval <= FAST and (acts or not is_disturbed):
         shown = _force_share(signals, command, braking)
         by_speed = _response_by_speed(signals, shown, command, braking, start_share, acts)
-    difference = _sure_difference(signals, by_speed) if by_speed else 0.0
+    difference = _sure_difference(signals, by_speed, command, braking) if by_speed else 0.0
     if acts or (by_speed and difference > _ALIKE + _FRICTION_SHARE * by_speed.of_shown):
         delay, equivalent = (by_speed.delay, by_speed.equivalent) if by_speed else [unknown] * 2
         return BrakeResponse(delay, equivalent, mean_weight, filling, source="deceleration")
@@ -154,12 +154,18 @@ class _ResponseBySpeed(NamedTuple):
     of_shown: float  # that of the brakes which channels show, by their force
 
 
-def _sure_difference(signals: StopSignals, by_speed: _ResponseBySpeed) -> float:
+def _sure_difference(
+    signals: StopSignals, by_speed: _ResponseBySpeed, command: float, braking: Braking
+) -> float:
     """By how much the responses of brakes and deceleration differ [s]; 0 within their errors.
 
     Much of it is another brake, which no channel shows. Little may be a friction that changes with
     the force of the blocks.
     """
+    stop, is_later = braking.stop - command, by_speed.equivalent.value > by_speed.of_shown
+    slid = is_later and any(_slides(signals, axle, command, stop) for axle in signals.rims)
+    if slid or (is_later and signals.speed_from == "axles"):
+        return 0.0  # a slippery rail makes the train slow later, too
     by_train = 0.0 if signals.wheels_show_begin else signals.delay_sigma
     error = math.hypot(by_speed.equivalent.tolerance, signals.pressure_sigma, by_train)
     difference = abs(by_speed.equivalent.value - by_speed.of_shown)
