@@ -27,6 +27,7 @@ from .feed import PAUSE, TICK, AddSource, Feed, FeedRow, rows_of
 _PART_SIZE = 1 << 23  # bytes that are taken at once, and one record more
 _KEPT_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _HAS_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
+_LARGEST_RECORD = 1 << 30  # bytes; no recorder writes a larger one
 _END_OPCODES = (Opcode.DATA_END, Opcode.FOOTER)
 
 
@@ -142,6 +143,9 @@ class GrowingMcap(Feed):
         self._has_ended = opcode in _END_OPCODES
         if self._has_ended or not opcode:  # the latter is room that was made
             return False
+        if length > _LARGEST_RECORD and opcode != Opcode.ATTACHMENT:  # it would never be whole
+            text = f"{self._path}: byte {self._offset}: a record of {length} bytes"
+            raise UserError(text, "the file is damaged: let its recorder begin a new one")
         stop = self._offset + HEADER.size + length
         if stop > file.size:
             return False
