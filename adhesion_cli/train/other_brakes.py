@@ -80,7 +80,6 @@ def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
         return ()
     top = np.interp(np.arange(len(top)), places, top[places])  # a gap ends no brake application
     braked = top > RELEASED_SHARE * np.max(top)
-    braked |= np.nan_to_num(g.braking) > _LEAST_CHANGE[_SUDDEN]  # by the other brake alone
     mask, largest = np.zeros(len(braked), dtype=np.bool_), (0.0, 0.0)
     for half_time in (_SUDDEN, _FADING):
         for place, change in _steps(g, half_time):

@@ -39,13 +39,6 @@ def test_a_sudden_change_at_the_same_pressure_is_another_brake(
     assert finding.spans[0] == pytest.approx(acts, abs=0.5)
 
 
-def test_a_brake_beside_hardly_any_pressure_has_acted_while_the_train_slowed() -> None:
-    pressure = np.where(T > 55.0, 3e5, np.where(T > 10.0, 0.1e5, 0.0))
-    slowing = np.where((T > 5.0) & (T < 30.0), 0.6, 0.01) + np.where(T > 10.0, 0.03, 0.0)
-    (finding,) = find_brake_steps(grid(slowing, pressure), 0)
-    assert finding.spans[0] == pytest.approx((5.0, 30.0), abs=0.75)
-
-
 STRONG_BRAKE = np.where(T > 10.0, 1.2, 0.01)  # to 6 m/s in 55 s
 
 
