@@ -19,10 +19,9 @@ from ..core.summary import ResultSummary
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from ..records.route import check_route
-from ..train.mean_axle import move_axles
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
-from .identify import find_log_brake, identify, with_force_of_log
+from .identify import at_load, find_log_brake, identify, with_force_of_log
 from .loads import states_load
 from .prepare import Window, align_log
 from .request import choose_estimators, load_vehicle, read_log
@@ -82,9 +81,8 @@ def analyze_log(  # noqa: PLR0913 (as of `analyze`)
     aligned = align_log(log, settings.vehicle, axles, window, settings.checks, settings.track)
     if identified is None or settings.analysis.vehicle == "stated":
         identified = identify([aligned], settings)
-    elif stated_load and identified.mean_axle:  # found at another load
-        vehicle_of_log = move_axles(settings.vehicle, *identified.mean_axle)
-        identified = replace(identified, vehicle=vehicle_of_log)
+    elif stated_load:  # found at another load
+        identified = replace(identified, vehicle=at_load(identified, settings.vehicle))
     vehicle_findings, prepared = diagnose_with(aligned, identified, settings)
     identified = with_force_of_log(identified, settings.vehicle)
     settings = settings.with_vehicle(identified)

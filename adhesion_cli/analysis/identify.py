@@ -116,6 +116,13 @@ def of_all_axles(
     return replace(identified, vehicle=moved)
 
 
+def at_load(identified: IdentifiedVehicle, vehicle: Vehicle) -> Vehicle:
+    """What was identified, for a vehicle as stated with the masses of another load."""
+    if not identified.mean_axle:
+        return identified.vehicle
+    return move_axles(vehicle, *identified.mean_axle)
+
+
 def with_force_of_log(identified: IdentifiedVehicle, vehicle: Vehicle) -> IdentifiedVehicle:
     """A stated vehicle that the log contradicts, with a 95 % band that holds the log's force, too.
 

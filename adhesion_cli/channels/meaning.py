@@ -151,7 +151,7 @@ def _apply_mappings(
     A channel that is stated for one axle leaves the other axles theirs. One that is stated for no
     axle is the only one of its meaning, and so is each force of motors: they are added.
     """
-    mapped_axles = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
+    mapped_axles = _mapped_axles(by_hand)
     meanings = {meaning for meaning, _ in mapped_axles}
     rows: list[Meant] = []
     guess_rows: list[int] = []
@@ -171,6 +171,11 @@ def _apply_mappings(
             guess_rows.append(len(rows))
         rows.append(m)
     return rows, guess_rows
+
+
+def _mapped_axles(by_hand: Mappings) -> set[tuple[Meaning, int | None]]:
+    """The meanings and axles for which the user states a channel."""
+    return {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
 
 
 def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
@@ -389,7 +394,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int], by_hand: Mappings) -> 
     the user states is not reported.
     """
     findings, counted_on = [], []
-    mapped_axles = {(m.meaning, m.axle) for mappings in by_hand.values() for m in mappings}
+    mapped_axles = _mapped_axles(by_hand)
     channels = {
         i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
         for i, m in ((i, meant[i]) for i in guesses)

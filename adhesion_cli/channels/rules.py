@@ -320,7 +320,7 @@ class _Name:
         self.own_kinds = _kinds_of(self.own)
         if self.unit == "kn" and "speed" in self.own_kinds:  # as the unit of a force it is kN
             self.unit = "knots"
-        percent = "".join({"pct", "percent"}.intersection(self.own))  # "brake_effort_pct"
+        percent = next((w for w in self.own if w in ("pct", "percent")), "")  # "brake_effort_pct"
         self.rare_unit = self.unit or units.unknown_in(field.label or field.channel) or percent
 
     def quantities(self) -> dict[str, str]:

@@ -23,7 +23,7 @@ SpeedSource = Literal["train", "axles"]
 FAST = 0.275  # longest interval of a fast train speed: 4 readings a second, and 10 % [s]
 _AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
-GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
+_GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _COMMANDS: tuple[Meaning, ...] = ("brake_command", "emergency", "brake_pipe")
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
@@ -284,6 +284,11 @@ def _shaped(
     return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse, level_sigma
 
 
+def gains_speed(v: Floats) -> bool:
+    """Whether the fastest wheel of a braked train gains speed [m/s]: all wheels slid, then."""
+    return bool(np.max(v - np.minimum.accumulate(v)) >= _GAIN)
+
+
 def _overlaps(t: Floats) -> list[tuple[float, float]]:
     """The times that several pieces of a clock have, which is set back between them [s]."""
     pieces = [(x[0], x[-1]) for x in np.split(t, np.flatnonzero(np.diff(t) < 0.0) + 1)]
@@ -303,10 +308,8 @@ def _over_gaps(
     """
     fastest = _fastest(rims, train.t).value
     difference = train.value - fastest
-    known_indices, filled = (
-        np.flatnonzero(np.isfinite(difference)),
-        np.zeros(len(train.t), dtype=np.bool_),
-    )
+    known_indices = np.flatnonzero(np.isfinite(difference))
+    filled = np.zeros(len(train.t), dtype=np.bool_)
     value = train.value.copy()
     for start, stop in true_runs(~np.isfinite(train.value)):
         place = int(np.searchsorted(known_indices, start))
@@ -319,7 +322,7 @@ def _over_gaps(
             or (abs(difference[end_indices]) > limit).any()
         ):
             continue
-        if np.max(gap - np.minimum.accumulate(gap)) < GAIN:
+        if not gains_speed(gap):
             offset = np.interp(train.t[start:stop], train.t[end_indices], difference[end_indices])
             value[start:stop], filled[start:stop] = gap + offset, True
     return TimeSeries(train.t, value), filled if filled.any() else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import SLOW
-from .signals import FAST, GAIN, TimeSeries, quantisation_step
+from .signals import FAST, TimeSeries, gains_speed, quantisation_step
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _STEP = 0.02  # of the smoothed speed [s]
@@ -121,7 +121,7 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     back near the train's speed again and again; lines between these moments, so that the
     deceleration does not fall, are the train.
     """
-    if float(np.max(v - np.minimum.accumulate(v))) < GAIN:
+    if not gains_speed(v):
         return v, 0.0
     hull: list[int] = []
     for k in range(len(t)):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.identify import brake_kinds, find_log_brake, identify, with_friction_error
+from ..analysis.identify import at_load, brake_kinds, find_log_brake, identify, with_friction_error
 from ..analysis.prepare import AlignedLog, Window, align_log
 from ..analysis.request import load_vehicle, read_log
 from ..analysis.settings import Settings
@@ -15,7 +15,6 @@ from ..core.model import Z95, IdentifiedVehicle, LogBrake, Vehicle
 from ..core.physics import friction_change
 from ..formats.memory import Signals
 from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
-from ..train.mean_axle import move_axles
 
 _FEWEST_OF_DRIFT = 6  # runs that show a drift
 _LEAST_DRIFT = 0.08  # of the brake force, from the first to the last third of the runs
@@ -86,9 +85,8 @@ def _brake_of(
     log: AlignedLog, identified: IdentifiedVehicle, settings: Settings
 ) -> LogBrake | None:
     """The brake that one log shows, over that of the vehicle of all logs at this log's load."""
-    vehicle = identified.vehicle
-    if log.vehicle != settings.vehicle and identified.mean_axle:
-        vehicle = move_axles(log.vehicle, *identified.mean_axle)
+    has_own_load = log.vehicle != settings.vehicle
+    vehicle = at_load(identified, log.vehicle) if has_own_load else identified.vehicle
     return find_log_brake(log, replace(settings, vehicle=vehicle))
 
 
