@@ -8,6 +8,7 @@ from ..core.summary import AxleStop, StopSummary
 from ..core.text import by_uncertainty, enumerated
 from ..stops import series
 from ..stops.axle_stops import SLIP_BANDS
+from ..stops.measure import SPEED_GAP
 from ..stops.series import QUANTITIES, SeriesStop, StopSeries
 from . import text_tables
 from .text_tables import DASH, ED, TitledTable, number, with_u95
@@ -100,6 +101,7 @@ _BY_SPEED = (
     "line of the speed at established deceleration meets the speed at the command."
 )
 _SPEED = {"train": "the train speed", "axles": "the axles, as no train speed is logged"}
+_OF_GAPS = "; where that is missing for some time, of wheels that roll"
 _BOTH_SPEEDS = "the train speed; where none is logged, the axles"
 
 
@@ -158,6 +160,8 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     dead_time = _OF_DEAD_TIME * any(s.command_from == "pressure" for s in stops)
     by_speed = _BY_SPEED * any(s.response_from == "deceleration" for s in stops)
     nominal_text = f"Nominal speed: {nominal} km/h."
+    is_filled = any(x.source == SPEED_GAP and x.distance_m for s in stops for x in s.budget)
+    speeds += _OF_GAPS * is_filled
     return f"Command: {commands}.{dead_time} Speed: {speeds}. {nominal_text}{by_speed}{ed}"
 
 

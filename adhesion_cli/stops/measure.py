@@ -88,7 +88,7 @@ def measure_stop(
     errors = {
         **_speed_errors(values, smooth, signals, settings.speed_scale, response.by_speed),
         "sliding axles": {"distance": hidden},
-        "gap of the speed": {"distance": _gap_error(signals, command, braking.stop)},
+        SPEED_GAP: {"distance": _gap_error(signals, command, braking.stop)},
         "command time": _early_command(v0, command_u),
         "dead time": _early_command(v0, unknown),
         "pressure clock": {"distance": v0 * clock, "duration": clock, **of_response},
@@ -220,6 +220,7 @@ def _quantities(
 
 
 _OF_ANY_BRAKING = {"initial_speed_mps", "delay_s", "response_time_s"}  # also of no whole stop
+SPEED_GAP = "gap of the speed"  # the source of an error
 _GAP_SHARE = 0.01  # 1 sigma of the speed of braked wheels that roll, as a share
 _LEAST_DEAD_TIME, _MOST_DEAD_TIME = 0.2, 1.5  # 1 sigma, assumed [s]
 _DEAD_TIME_SHARE = 0.2  # the same of the build-up, between them

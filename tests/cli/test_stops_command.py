@@ -357,3 +357,18 @@ def test_a_result_has_the_stops_of_its_log_where_the_pressure_was_lost(
     assert stop["valid"]
     for key in ("start_s", "valid", "reason", "distance_m", "response_time_s", "duration_s"):
         assert of_result[0][key] == stop[key]
+
+
+def test_wheels_that_fill_a_gap_of_the_train_speed_are_named(run: Run, tmp_path: Path) -> None:
+    rows = []
+    for k in range(900):
+        t = k / 20
+        pressure = min(max(t - 10.0, 0.0) * 3.0, 3.0)
+        speed = min(90.0, max(90.0 - 3.6 * (t - 10.5), 0.0))
+        train = "" if 18.0 < t < 24.0 else f"{speed:.3f}"
+        rows.append(f"{t:.2f},{pressure:.3f},{0.998 * speed:.3f},{train}")
+    head = "t [s],BCP 1 [bar],axle 1 [km/h],train speed [km/h]"
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows, ""]))
+    shown = " ".join(run("stops", "log.csv").stdout.split())
+    assert "train speed; where that is missing for some time, of wheels that roll." in shown
+    assert "No valid stop" not in shown
